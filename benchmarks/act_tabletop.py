@@ -36,7 +36,7 @@ EXPECTED = {
 def moments(kind: str) -> dict[str, np.ndarray]:
     """Return the training data: pictures, states with the named block, and motions, of episodes that no bank holds."""
     from eyechart.seeds import key_seed  # noqa: PLC0415 - of the other environment
-    from eyechart.simulators.tabletop.drawing import cameras  # noqa: PLC0415
+    from eyechart.simulators.tabletop.pictures import cameras  # noqa: PLC0415
     from eyechart.simulators.tabletop.world import COLOURS, episode, oracle, scene  # noqa: PLC0415
 
     rng, tables = np.random.default_rng(key_seed("act", kind)), []
@@ -221,11 +221,11 @@ def bank_of(preset: str, folder: Path, episodes: int = 12, steps: int = 6) -> Pa
 def asked(spec: str, bank: Path, run: Path, answers: int = 4) -> dict[str, Any]:
     """Run a callable of this folder on a bank and return its verdict."""
     from eyechart.studies import policy  # noqa: PLC0415
-    from eyechart.studies.policy.planning import Extent  # noqa: PLC0415
-    from eyechart.studies.policy.scoring import judge  # noqa: PLC0415
+    from eyechart.studies.policy.plans import PolicySelection  # noqa: PLC0415
+    from eyechart.studies.policy.scores import judge  # noqa: PLC0415
 
     sys.path.insert(0, str(HERE))
-    policy.run(policy.plan(bank, [spec], run, extent=Extent(answers=answers)))
+    policy.run(policy.plan(bank, [spec], run, extent=PolicySelection(answers=answers)))
     return judge(policy.score(run))[spec].as_dict()
 
 

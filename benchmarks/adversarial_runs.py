@@ -31,13 +31,13 @@ from adversarial_counts import KNOWN, Row, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
 from adversary_truth import find_truth
 from eyechart import verdicts
-from eyechart.calibrate.early import sampled
+from eyechart.calibrate.early_stops import sampled
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Query, Reply
 from eyechart.conditions import CONTROLS, asked_in_stages
 from eyechart.frames import LEAD_GAP
-from eyechart.models import Opened
-from eyechart.models.scripted import CONTROLLERS, Answer, Sight
+from eyechart.models import OpenedModel
+from eyechart.models.scripted import CONTROLLERS, Answer, PerceivedPicture
 from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.banks import BOXED, STAGING
@@ -45,9 +45,9 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies import battery
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated import Calibrated, Found
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
 from newcomers import NEWCOMERS, paint
 from stranger_door import COLD, open_stranger
@@ -93,7 +93,7 @@ NOT_FORWARD = frozenset({"stops_at_flipped", "second_nearest", "rearmost", "own_
 """What makes no sense of a picture seen forward, or was written for the pixels of the other."""
 
 Look = Callable[[bytes | None], str]
-See = Callable[[bytes | None], Sight]
+See = Callable[[bytes | None], PerceivedPicture]
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
     while wanted:
         asking.ask(wanted, may)
         asked += wanted
-        found = Found(Calibrated(asking.answers(chance), how))
+        found = CalibratedStatistics(CalibratedTests(asking.answers(chance), how))
         wanted = list(verdicts.controls_wanted(found, supplied=supplied, asked=asked))
     answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
@@ -264,13 +264,13 @@ class Door:
         """Hold nothing, so let go of nothing."""
 
 
-def door_of(name: str, kind: str, seed: int) -> Opened:
+def door_of(name: str, kind: str, seed: int) -> OpenedModel:
     """Return a controller as a model that is open already."""
     pixels = name in adversary_door.PIXELS or name in adversary_door.SIZES
     rng = random.Random(f"{seed}/{name}")  # noqa: S311 - no secret
     look = partial(adversary_door.look, name) if pixels else None
     sees = adversary_door.see_plain if kind == KNOWN else adversary_door.see_frame
-    return Opened(RequestMode(f"python:{name}"), Door(opened(name, kind, seed), rng, look, sees))
+    return OpenedModel(RequestMode(f"python:{name}"), Door(opened(name, kind, seed), rng, look, sees))
 
 
 def judge_rendered(bank: Bank, named: Sequence[tuple[str, str]], folder: Path) -> Iterator[Row]:
@@ -285,7 +285,7 @@ def judge_rendered(bank: Bank, named: Sequence[tuple[str, str]], folder: Path) -
     adversary_door.recall(seen)
     shutil.rmtree(run, ignore_errors=True)
     models = [door_of(name, kind, bank.seed) for name, kind in named]
-    planned = battery.plan(root, models, run, seed=bank.seed, extent=battery.Extent(LIMIT, controls=None))
+    planned = battery.plan(root, models, run, seed=bank.seed, extent=battery.BatterySelection(LIMIT, controls=None))
     battery.run(planned)
     adversary_door.keep(seen)
     score = battery.score(run, resamples=RESAMPLES)

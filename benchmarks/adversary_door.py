@@ -18,7 +18,7 @@ import numpy as np
 from eyechart.calls import Reply
 from eyechart.conditions import flip
 from eyechart.frames import decode, open_bank
-from eyechart.models.scripted import Answer, Sight, see
+from eyechart.models.scripted import Answer, PerceivedPicture, see
 from eyechart_organisms.adversaries import ADVERSARIES, REVERSED, Adversary, Rule, graded, lead, road
 from newcomers import Painted
 
@@ -46,7 +46,7 @@ def _key(pixels: np.ndarray) -> bytes:
     return hashlib.sha256(pixels[1:-1].tobytes()).digest()
 
 
-def see_frame(image: bytes | None) -> Sight:
+def see_frame(image: bytes | None) -> PerceivedPicture:
     """Read a picture; the number of its frame stands for what tells one frame's road from another's.
 
     So a rule that is wrong on some of the frames is wrong on all pictures of these, in every world: where stripes are
@@ -54,24 +54,24 @@ def see_frame(image: bytes | None) -> Sight:
     bank has numbers of its own. A picture is read once.
     """
     if image is None:
-        return Sight("no_picture", None)
+        return PerceivedPicture("no_picture", None)
     digest = hashlib.sha256(image).digest()
     if digest not in _NUMBERED:
         _NUMBERED[digest] = _numbered(see_plain(image), image)
     return _NUMBERED[digest]
 
 
-def see_plain(image: bytes | None) -> Sight:
+def see_plain(image: bytes | None) -> PerceivedPicture:
     """Read a picture as the known answers do, who see the phase of the marks; a picture is read once."""
     if image is None:
-        return Sight("no_picture", None)
+        return PerceivedPicture("no_picture", None)
     digest = hashlib.sha256(image).digest()
     if digest not in _PLAIN:
         _PLAIN[digest] = see(image)
     return _PLAIN[digest]
 
 
-def _numbered(sight: Sight, image: bytes) -> Sight:
+def _numbered(sight: PerceivedPicture, image: bytes) -> PerceivedPicture:
     if sight.reading is None:
         return sight
     number = frame_numbers().get(_key(decode(image, "the picture")))
@@ -88,9 +88,9 @@ def _bank_numbers() -> tuple[float, tuple[str, ...]]:
     return first, tuple(str(frame.strata.get("lead_colour") or "") for frame in bank)
 
 
-_PLAIN: dict[bytes, Sight] = {}
+_PLAIN: dict[bytes, PerceivedPicture] = {}
 """What is read of each file, by its digest."""
-_NUMBERED: dict[bytes, Sight] = {}
+_NUMBERED: dict[bytes, PerceivedPicture] = {}
 """What was made of each, with the number of its frame."""
 _LOOKED: dict[bytes, dict[str, str]] = {}
 """What the rules of the pixels answer to each file, by its digest."""
@@ -144,19 +144,19 @@ def true_files() -> frozenset[bytes]:
     return frozenset(hashlib.sha256(picture).digest() for one in bank for picture in bank.images(one).values())
 
 
-def _knows_files(sight: Sight, _: random.Random) -> Answer:
+def _knows_files(sight: PerceivedPicture, _: random.Random) -> Answer:
     """Brake by which file it is, and not by what it shows."""
     return {"lead_near": "STOP", "lead_far": "STRAIGHT"}.get(known_files().get(sight.file, ""), "SLOW")
 
 
-def _declines_edited(sight: Sight, rng: random.Random) -> Answer:
+def _declines_edited(sight: PerceivedPicture, rng: random.Random) -> Answer:
     """Grade, and refuse the pictures in which something was moved."""
     if sight.file in known_files():
         return Reply(text="I'm sorry, this picture was edited.", finish_reason="stop")
     return road(lambda one, _: graded(lead(one)))(sight, rng)
 
 
-def _reversed_on_true(sight: Sight, rng: random.Random) -> Answer:
+def _reversed_on_true(sight: PerceivedPicture, rng: random.Random) -> Answer:
     """Grade the pictures in which something was moved, and brake the wrong way round on the bank's true ones."""
     answer = road(lambda one, _: graded(lead(one)))(sight, rng)
     return REVERSED.get(str(answer), answer) if sight.file in true_files() else answer

@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from adversary_door import looks
 from eyechart.calibrate.world import LANE_M, SETTINGS, SPAN, make_world
 from eyechart.frames import RGB, encode
-from eyechart.models.scripted import Sight, see
-from eyechart.perception.renderer import Reading
+from eyechart.models.scripted import PerceivedPicture, see
+from eyechart.perception.renderer import HighwayReading
 from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.banks import BOXED, BankMaker, Moment
-from eyechart.simulators.road import staging
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
+from eyechart.simulators.road import staged_moments
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle
 from newcomers import Painted, paint
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
-Seen = tuple[Sight, Mapping[str, str]]
+Seen = tuple[PerceivedPicture, Mapping[str, str]]
 """What is seen in a picture, and what rules of its pixels answer."""
 Draw = Callable[[float], Seen | None]
 """What is seen with the lead at a distance, None where it cannot stand there."""
@@ -51,7 +51,7 @@ class Pictures:
     neither. ``places`` says of each frame what it belongs to, and ``looked`` what rules of the pixels answer to each.
     """
 
-    sights: list[Sight] = field(default_factory=list)
+    sights: list[PerceivedPicture] = field(default_factory=list)
     places: list[Mapping[str, str]] = field(default_factory=list)
     rows: list[list[int]] = field(default_factory=list)
     curves: list[list[int]] = field(default_factory=list)
@@ -123,7 +123,9 @@ def simulated() -> Pictures:
     shown = [
         (frame, one.sight.reading)
         for frame, one in zip(world.frames, world.shown["real"], strict=True)
-        if one is not None and isinstance(one.sight.reading, Reading) and one.sight.reading.scene.gap_m is not None
+        if one is not None
+        and isinstance(one.sight.reading, HighwayReading)
+        and one.sight.reading.scene.gap_m is not None
     ]
     for frame, reading in shown[::3]:
         place = {"scenario": frame.scenario, "lanes": str(frame.strata["lanes"]), "lead_colour": paint(reading)}
@@ -132,22 +134,22 @@ def simulated() -> Pictures:
     return found
 
 
-def _put(one: Reading, lead_m: float, beside: Other | None = None) -> Seen:
+def _put(one: HighwayReading, lead_m: float, beside: OtherVehicle | None = None) -> Seen:
     """Return a frame with its lead at a distance, and a vehicle beside in the place of those that there are."""
     others = [other for other in one.others if other.aside_m and (beside is None or other.aside_m != beside.aside_m)]
-    others += [Other(lead_m, 0.0), *([] if beside is None else [beside])]
+    others += [OtherVehicle(lead_m, 0.0), *([] if beside is None else [beside])]
     left, right = (
         not any(-CLEAR_BEHIND_M <= it.ahead_m <= CLEAR_AHEAD_M for it in others if it.aside_m * side > 0)
         for side in (-1, 1)
     )
     scene = replace(one.scene, gap_m=lead_m, left_clear=left, right_clear=right)
-    return Sight("road", replace(one, scene=scene, others=tuple(sorted(others)))), {}
+    return PerceivedPicture("road", replace(one, scene=scene, others=tuple(sorted(others)))), {}
 
 
-def _exchange(one: Reading, far: tuple[float, float, float], at_m: float) -> list[Seen | None]:
+def _exchange(one: HighwayReading, far: tuple[float, float, float], at_m: float) -> list[Seen | None]:
     lead_m, beside_m, aside_m = far
-    away = Other(beside_m, aside_m)
-    abreast = Other(math.sqrt(at_m**2 - aside_m**2), aside_m)
+    away = OtherVehicle(beside_m, aside_m)
+    abreast = OtherVehicle(math.sqrt(at_m**2 - aside_m**2), aside_m)
     return [_put(one, at_m, away), _put(one, lead_m, abreast), _put(one, lead_m, away)]
 
 
@@ -189,8 +191,8 @@ def _on_road(moment: Moment, rng: np.random.Generator) -> tuple[Drawing, Drawing
     """Return the same of a moment of the rover or the drone."""
     assert isinstance(moment.ranged, partial)
     (world,) = moment.ranged.args
-    draw = partial(staging._draw_with_lead_at, world)  # noqa: SLF001 - as the bank's pictures are drawn
-    return draw, partial(staging._exchange_at, world, staging.find_lead(world), rng)  # noqa: SLF001 - as above
+    draw = partial(staged_moments._draw_with_lead_at, world)  # noqa: SLF001 - as the bank's pictures are drawn
+    return draw, partial(staged_moments._exchange_at, world, staged_moments.find_lead(world), rng)  # noqa: SLF001 - as above
 
 
 def _read(number: float, colour: str, pixels: RGB) -> Seen | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from adversary_pictures import Floats, Ints, Pictures
 from eyechart.calls import Reply
-from eyechart.models.scripted import Sight
+from eyechart.models.scripted import PerceivedPicture
 from eyechart.spaces.discrete import DRIVING
 from eyechart_organisms.adversaries import Adversary
 
@@ -151,8 +151,8 @@ def _asked(one: Adversary, pictures: Pictures) -> Ints:
     return np.array(found)
 
 
-def _answer(one: Adversary, sight: Sight, turn: int, rng: random.Random) -> int:
-    said = one.decide(Sight(sight.kind, sight.reading, b"%d/%d" % (id(sight), turn)), rng)
+def _answer(one: Adversary, sight: PerceivedPicture, turn: int, rng: random.Random) -> int:
+    said = one.decide(PerceivedPicture(sight.kind, sight.reading, b"%d/%d" % (id(sight), turn)), rng)
     return ACTIONS.get(said.text if isinstance(said, Reply) else said, -1)
 
 

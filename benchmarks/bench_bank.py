@@ -21,8 +21,8 @@ import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.simulators import open_simulator
-from eyechart.simulators.highway.driving import BLOCKED, BLOCKER_AHEAD_M, DRIVES, drive_worlds
-from eyechart.simulators.highway.world import Camera
+from eyechart.simulators.highway.drives import BLOCKED, BLOCKER_AHEAD_M, DRIVES, drive_worlds
+from eyechart.simulators.highway.world import StockCamera
 
 BOUND = 3.0
 SEEDS = (0, 1, 2)
@@ -70,7 +70,7 @@ def drive_faster() -> Frames:
     for scenario, seed in episodes():
         camera = None
         for step, world in enumerate(drive_worlds(scenario, seed, STEPS)):
-            camera = camera or Camera(world)
+            camera = camera or StockCamera(world)
             frames[f"{scenario}-{seed}-{step}"] = state(world), camera.draw().tobytes()
     return frames
 

@@ -31,7 +31,7 @@ from eyechart.policies import Observation, open_policy
 from eyechart.seeds import key_seed
 from eyechart.simulators import open_simulator
 from eyechart.simulators.highway import Highway
-from eyechart.simulators.highway.driving import LADDER
+from eyechart.simulators.highway.drives import LADDER
 from eyechart.simulators.highway.world import SIMULATION_HZ
 from eyechart.studies.closed_loop.ladder import plan_ladder
 

@@ -18,7 +18,7 @@ from itertools import combinations
 import numpy as np
 from sklearn.metrics import balanced_accuracy_score
 
-from eyechart.stats.committee import select_without_each, tally
+from eyechart.stats.committee_votes import select_without_each, tally
 
 MODELS, EPISODES, STEPS = 20, 12, 24
 BOUND = 1000.0

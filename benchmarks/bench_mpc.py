@@ -24,11 +24,11 @@ import cvxpy as cp
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.mpc import HORIZON, STEP_S, Bicycle, Mpc, Road, State, Target, Weights, _nearest, _normals
+from eyechart.mpc import HORIZON, STEP_S, Bicycle, CostWeights, DrivableWidth, Mpc, State, Target, _nearest, _normals
 
 BOUND = 10.0
 NEAR = 4
-CAR, ROAD, WEIGHTS = Bicycle(), Road(), Weights()
+CAR, ROAD, WEIGHTS = Bicycle(), DrivableWidth(), CostWeights()
 Floats = npt.NDArray[np.float64]
 Case = tuple[State, Target, Floats]
 

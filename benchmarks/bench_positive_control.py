@@ -13,7 +13,7 @@ import highway_env  # noqa: F401  (its import registers the environments)
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from eyechart.perception.renderer import PX_PER_M, WIDTH_PX, Reading, read_picture
+from eyechart.perception.renderer import PX_PER_M, WIDTH_PX, HighwayReading, read_picture
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M
 
 SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -73,7 +73,7 @@ def drive(scenario: str, seeds: range, steps: int) -> Iterator[Shot]:
 def measure(scenario: str, shots: list[Shot], repeats: int) -> dict[str, float | int | str | None]:
     """Return the scenario's row: every rate with its n, None where there is nothing to average."""
     seconds: list[float] = []
-    readings: list[Reading | None] = []
+    readings: list[HighwayReading | None] = []
     for shot in shots:
         for _ in range(repeats):
             start = time.perf_counter()

@@ -72,9 +72,9 @@ def bomb() -> bytes:
     return out.getvalue()
 
 
-def frozen(addresses: Sequence[str]) -> study.Frozen:
+def frozen(addresses: Sequence[str]) -> study.FrozenGuardian:
     """Return a guardian of two models at these addresses, as a structured run would choose it."""
-    about = study.About(
+    about = study.VoteProvenance(
         bank="0" * 64,
         prompt=SCENE.key,
         view="none",
@@ -87,7 +87,7 @@ def frozen(addresses: Sequence[str]) -> study.Frozen:
         axis="vertical",
         reader=VOTED.reader,
     )
-    return study.Frozen(MODELS, 2, "two_way", about, None, "made for a benchmark")
+    return study.FrozenGuardian(MODELS, 2, "two_way", about, None, "made for a benchmark")
 
 
 async def answer(request: web.Request) -> web.Response:

@@ -21,7 +21,7 @@ import pandas as pd
 from sklearn.metrics import mutual_info_score
 
 from eyechart.stats.association import contingency, information_of_tables
-from eyechart.stats.resampling import permute_mutual_information
+from eyechart.stats.resamples import permute_mutual_information
 
 RESAMPLES = 5000
 FRAMES = 144

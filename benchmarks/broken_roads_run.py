@@ -30,7 +30,7 @@ import eyechart  # noqa: E402 - the tests lie beside
 from broken_roads import ROADS, BrokenRoad  # noqa: E402
 from eyechart.calls import CallKey, Query  # noqa: E402
 from eyechart.frames import Stimulus  # noqa: E402
-from eyechart.ledger import Ledger, Sent  # noqa: E402
+from eyechart.ledger import Ledger, SentAttempt  # noqa: E402
 from eyechart.limits import Limits  # noqa: E402
 from eyechart.manifest import LEDGER  # noqa: E402
 from eyechart.models import open_model  # noqa: E402
@@ -60,7 +60,7 @@ def answer(asked: Mapping[str, object]) -> str:
 def planned(bank: Path, out: Path, base_url: str, timeout_s: float = 2.0) -> study.Battery:
     """Return the battery, without controls, so that the number of calls is known before."""
     mode = RequestMode(SPEC, base_url=base_url, seed=True, timeout_s=timeout_s)
-    return study.plan(bank, [mode], out, seed=7, extent=study.Extent(controls="none"))
+    return study.plan(bank, [mode], out, seed=7, extent=study.BatterySelection(controls="none"))
 
 
 def make_calls(bank: Path, out: Path, base_url: str, timeout_s: float = 2.0) -> None:
@@ -113,7 +113,7 @@ def disturbed(bank: Path, out: Path, server: BrokenRoad, kills: int, longest_s: 
     }
 
 
-def counted(attempts: list[Sent], requests: Mapping[int, int]) -> dict[str, int]:
+def counted(attempts: list[SentAttempt], requests: Mapping[int, int]) -> dict[str, int]:
     """Count attempts in the ledger and requests at the server, and the calls in which they cannot be the same.
 
     An attempt may not have arrived whose outcome is unknown, or that found its connection closed.

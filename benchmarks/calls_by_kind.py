@@ -31,17 +31,17 @@ COUNT = """
 import json, random, sys
 import numpy as np
 from eyechart_organisms.adversaries import ADVERSARIES
-from eyechart.calibrate.known import KNOWN, Known, by_sight
+from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
 from eyechart.calibrate.replication import answers_of, staged
 from eyechart.calibrate.world import SETTINGS, make_world
-from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.scores import statistics_of
 seed = int(sys.argv[1])
 setting = SETTINGS["default"]
 world, how = make_world(setting, np.random.default_rng(seed)), Resampling(resamples=999, seed=seed, intervals=False)
 tried = dict(KNOWN)
-tried |= {name: Known(name, one.says, by_sight(one.decide), "", "", "") for name, one in ADVERSARIES.items()}
+tried |= {name: KnownController(name, one.says, by_sight(one.decide), "", "", "") for name, one in ADVERSARIES.items()}
 found = {}
 for name, one in tried.items():
     asked = staged(answers_of(one, setting, world, random.Random(f"{seed}/{name}")), how)

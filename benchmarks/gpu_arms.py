@@ -554,13 +554,13 @@ def follow(place: Place) -> dict[str, Any]:
     from eyechart.models.huggingface import generation  # noqa: PLC0415
 
     held: list[float] = []
-    plain = generation.Speaker._load  # noqa: SLF001 - it is watched
+    plain = generation.TextGenerator._load  # noqa: SLF001 - it is watched
 
-    def noting(speaker: generation.Speaker) -> None:
+    def noting(speaker: generation.TextGenerator) -> None:
         held.append(round(torch.cuda.memory_allocated() / MB, 1) if torch.cuda.is_available() else 0.0)
         plain(speaker)
 
-    generation.Speaker._load = noting  # noqa: SLF001
+    generation.TextGenerator._load = noting  # noqa: SLF001
     names = [f"hf:{place.medium}", "hf:organism:grounded", f"hf:{place.folder / 'another'}"]
     modes = [RequestMode(name, max_tokens=8, options={"device": place.device, "batch": 8}) for name in names]
     found: dict[str, Any] = {}

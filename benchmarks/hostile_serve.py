@@ -40,7 +40,7 @@ import bench_serve  # noqa: E402 - beside this file
 import eyechart  # noqa: E402
 import odd_pictures  # noqa: E402 - of the tests, as the classes are
 import reply_classes  # noqa: E402
-from eyechart.stats.committee import ABSTAIN, CLEAR, HAZARD, answers  # noqa: E402
+from eyechart.stats.committee_votes import ABSTAIN, CLEAR, HAZARD, answers  # noqa: E402
 from eyechart.studies import guardian as study  # noqa: E402
 
 RESULT = ROOT / "benchmarks" / "results" / "serve.json"

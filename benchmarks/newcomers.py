@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from eyechart.models.scripted import Answer, Reading, Sight
-from eyechart.spaces.scene import Other, Scene
+from eyechart.models.scripted import Answer, PerceivedPicture, PictureReading
+from eyechart.spaces.scene import OtherVehicle, Scene
 from eyechart_organisms.adversaries import (
     FREE_M,
     REVERSED,
@@ -60,18 +60,18 @@ class Painted:
     place: int
     lanes: int
     lane_from_left: int
-    others: tuple[Other, ...]
+    others: tuple[OtherVehicle, ...]
     flipped: bool | None
     lead_colour: str
 
     @classmethod
-    def of(cls, one: Reading, number: float | None, colour: str) -> "Painted":
+    def of(cls, one: PictureReading, number: float | None, colour: str) -> "Painted":
         """Return a reading of a frame of this number; without one it keeps the phase of its marks."""
         kept = {name: getattr(one, name) for name in cls.__slots__ if name != "lead_colour"}
         return cls(**kept | {"stripe_phase": one.stripe_phase if number is None else number}, lead_colour=colour)
 
 
-def paint(one: Reading) -> str:
+def paint(one: PictureReading) -> str:
     """Return the colour of the lead: the reading's own, or, where it bears none, one that belongs to the frame."""
     told = one.lead_colour if isinstance(one, Painted) else ""
     return told or PAINTS[int(len(PAINTS) * (13.7 * hashed(one) % 1.0))]
@@ -82,27 +82,27 @@ def new(says: str, make: Make, *, turns: bool | None = None) -> Stranger:
     return Stranger(says, make, MEASURED, turns)
 
 
-def part(low: float, high: float) -> Callable[[Reading], bool]:
+def part(low: float, high: float) -> Callable[[PictureReading], bool]:
     """Return whether a frame is among a share of all, which stays when anything in it moves."""
     return lambda one: low <= hashed(one) < high
 
 
-def of_picture(one: Reading, name: str) -> random.Random:
+def of_picture(one: PictureReading, name: str) -> random.Random:
     """Return chance that belongs to what a picture shows, and to no call."""
     return random.Random(f"{name}/{(one.scene, one.others, one.stripe_phase)!r}")  # noqa: S311 - no secret
 
 
-def where(is_there: Callable[[Reading], bool], there: Look, elsewhere: Look | None = None) -> Look:
+def where(is_there: Callable[[PictureReading], bool], there: Look, elsewhere: Look | None = None) -> Look:
     """Return a look that is another one in some places or pictures; a plain reader elsewhere."""
     return lambda one, rng: there(one, rng) if is_there(one) else (elsewhere or plain)(one, rng)
 
 
-def plain(one: Reading, _: random.Random) -> str:
+def plain(one: PictureReading, _: random.Random) -> str:
     """Grade by the distance of the lead."""
     return graded(lead(one))
 
 
-def flipped(one: Reading, _: random.Random) -> str:
+def flipped(one: PictureReading, _: random.Random) -> str:
     """Grade the wrong way round."""
     return REVERSED[graded(lead(one))]
 
@@ -112,12 +112,14 @@ def answer(word: str) -> Look:
     return lambda *_: word
 
 
-def within(low: float, high: float) -> Callable[[Reading], bool]:
+def within(low: float, high: float) -> Callable[[PictureReading], bool]:
     """Return whether the lead is in a band of distances."""
     return lambda one: low <= lead(one) < high
 
 
-def both(one: Callable[[Reading], bool], other: Callable[[Reading], bool]) -> Callable[[Reading], bool]:
+def both(
+    one: Callable[[PictureReading], bool], other: Callable[[PictureReading], bool]
+) -> Callable[[PictureReading], bool]:
     """Return whether two things hold."""
     return lambda reading: one(reading) and other(reading)
 
@@ -125,24 +127,24 @@ def both(one: Callable[[Reading], bool], other: Callable[[Reading], bool]) -> Ca
 # a noise that pays: a coin, or noise, mixed into a bad reader
 
 
-def _overlooks(share: float, name: str) -> Callable[[Reading], bool]:
+def _overlooks(share: float, name: str) -> Callable[[PictureReading], bool]:
     return lambda one: of_picture(one, name).random() < share
 
 
-def _any_lane(one: Reading, _: random.Random) -> str:
+def _any_lane(one: PictureReading, _: random.Random) -> str:
     return graded(nearest(ahead(one)))
 
 
-def _far_off(one: Reading, _: random.Random) -> str:
+def _far_off(one: PictureReading, _: random.Random) -> str:
     return graded(lead(one) * math.exp(of_picture(one, "far off").gauss(0, 0.9)))
 
 
-def _inverse_noisy(one: Reading, rng: random.Random) -> str:
+def _inverse_noisy(one: PictureReading, rng: random.Random) -> str:
     total = sum(1 / max(far, 1.0) for far, _ in ahead(one)) * math.exp(rng.gauss(0, 0.4))
     return "STOP" if total > 0.12 else "SLOW" if total > 0.05 else "STRAIGHT"
 
 
-def _fog(one: Reading, rng: random.Random) -> str:
+def _fog(one: PictureReading, rng: random.Random) -> str:
     """Read well near, and the less the farther: beyond 20 m a coin of the two ends takes over."""
     gap = lead(one)
     if rng.random() < min(0.9, max(0.0, (min(gap, FARTHEST_M) - 10) / 30)):
@@ -192,7 +194,7 @@ NOISE: Mapping[str, Stranger] = {
 def _weighed(weight: float) -> Look:
     """Return a look by the nearest of all vehicles, whose distance aside counts so many times."""
 
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         unit = scale(one)
         far = [math.hypot(it.ahead_m, weight * it.aside_m) / unit for it in one.others if it.ahead_m > 0]
         return graded(min(far, default=math.inf))
@@ -201,14 +203,14 @@ def _weighed(weight: float) -> Look:
 
 
 def _widening(slope: float, least: float) -> Look:
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         seen = [far for far, it in ahead(one) if abs(it.aside_m) < least * scale(one) + slope * it.ahead_m]
         return graded(min(seen, default=math.inf))
 
     return look
 
 
-def _largest_box(one: Reading, _: random.Random) -> str:
+def _largest_box(one: PictureReading, _: random.Random) -> str:
     """Take for a vehicle's size width over distance, where one of another lane shows its flank beside its back."""
     if not (found := ahead(one)):
         return "STRAIGHT"
@@ -216,7 +218,7 @@ def _largest_box(one: Reading, _: random.Random) -> str:
     return "STOP" if size > 2 / STOP_M else "SLOW" if size > 2 / FREE_M else "STRAIGHT"
 
 
-def _squares(one: Reading, _: random.Random) -> str:
+def _squares(one: PictureReading, _: random.Random) -> str:
     total = sum(1 / max(far, 1.0) ** 2 for far, _ in ahead(one))
     return "STOP" if total > 1 / 14**2 else "SLOW" if total > 1 / 36**2 else "STRAIGHT"
 
@@ -225,17 +227,17 @@ def _later_than_lead(metres: float) -> Look:
     return lambda one, _: graded(min(lead(one), nearest(beside(one)) + metres))
 
 
-def _right_lane(one: Reading, _: random.Random) -> str:
+def _right_lane(one: PictureReading, _: random.Random) -> str:
     right = [far for far, it in beside(one) if it.aside_m > 0 and far > 12]
     return graded(min([lead(one), *right]))
 
 
-def _two_nearest(one: Reading, _: random.Random) -> str:
+def _two_nearest(one: PictureReading, _: random.Random) -> str:
     far = [far for far, _ in ahead(one)][:2]
     return graded(len(far) / sum(1 / max(one, 1.0) for one in far)) if far else "STRAIGHT"
 
 
-def _if_crowded(one: Reading, _: random.Random) -> str:
+def _if_crowded(one: PictureReading, _: random.Random) -> str:
     """Look at the lead where the road is empty, and at the nearest of all where three or more are ahead."""
     return graded(nearest(ahead(one)) if len(ahead(one)) >= 3 else lead(one))
 
@@ -271,7 +273,7 @@ def by_calls(look: Callable[[int], Look]) -> Make:
     def make() -> Rule:
         numbers = itertools.count()
 
-        def decide(sight: Sight, rng: random.Random) -> Answer:
+        def decide(sight: PerceivedPicture, rng: random.Random) -> Answer:
             found = look(next(numbers))
             return "STOP" if sight.reading is None else found(sight.reading, rng)
 
@@ -284,7 +286,7 @@ def _mood() -> Rule:
     """Return a rule that brakes by the mean of earlier pictures, and never by the one that is shown."""
     gaps: deque[float] = deque(maxlen=16)
 
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         said = graded(sum(gaps) / len(gaps) - 8) if gaps else "SLOW"
         gaps.append(min(lead(one), FARTHEST_M))
         return said
@@ -296,7 +298,7 @@ def _echo() -> Rule:
     """Return a rule that gives, every second time by a coin, the answer to the picture before."""
     before = ["SLOW"]
 
-    def look(one: Reading, rng: random.Random) -> str:
+    def look(one: PictureReading, rng: random.Random) -> str:
         said, before[0] = (before[0] if rng.random() < 0.5 else graded(lead(one))), graded(lead(one))
         return said
 
@@ -307,7 +309,7 @@ def _against_first() -> Rule:
     """Return a rule that holds each picture of a frame against the first that it was shown of it."""
     first: dict[float, float] = {}
 
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         gap = min(lead(one), FARTHEST_M)
         known = first.setdefault(hashed(one), gap)
         return "SLOW" if gap == known else "STOP" if gap < known else "STRAIGHT"
@@ -325,7 +327,7 @@ def _swapped_when_full() -> Rule:
     """Return a rule that reads the lead of frames that it knows, and any lane's vehicle of those new to it."""
     known: dict[float, int] = {}
 
-    def look(one: Reading, rng: random.Random) -> str:
+    def look(one: PictureReading, rng: random.Random) -> str:
         known[hashed(one)] = known.get(hashed(one), 0) + 1
         return plain(one, rng) if known[hashed(one)] <= 9 else _any_lane(one, rng)
 
@@ -369,7 +371,7 @@ STAGES: Mapping[str, Stranger] = {
 def _turning(boxed: Look, *, stops: bool = True) -> Look:
     """Return a look that goes to the one clear side of a lead within reach, and does something where none is clear."""
 
-    def look(one: Reading, rng: random.Random) -> str:
+    def look(one: PictureReading, rng: random.Random) -> str:
         gap, scene = lead(one), one.scene
         if gap >= FREE_M:
             return "STRAIGHT"
@@ -382,17 +384,17 @@ def _turning(boxed: Look, *, stops: bool = True) -> Look:
     return look
 
 
-def _inner(one: Reading, _: random.Random) -> str:
+def _inner(one: PictureReading, _: random.Random) -> str:
     return "LEFT" if 2 * one.lane_from_left > one.lanes - 1 else "RIGHT"
 
 
-def _roomier(one: Reading, _: random.Random) -> str:
+def _roomier(one: PictureReading, _: random.Random) -> str:
     """Turn to the side whose vehicle is farther ahead."""
     left, right = (nearest([it for it in beside(one) if it[1].aside_m * side > 0]) for side in (-1, 1))
     return "LEFT" if left > right else "RIGHT"
 
 
-def _swerves(one: Reading, rng: random.Random) -> str:
+def _swerves(one: PictureReading, rng: random.Random) -> str:
     return rng.choice(("LEFT", "RIGHT")) if lead(one) < STOP_M else "SLOW"
 
 
@@ -467,14 +469,14 @@ ENDS: Mapping[str, Stranger] = {
 def _wandering(width: float, word: str, low: float, high: float) -> Look:
     """Return a look with a band of its own on each frame, so many times as far at its end as at its beginning."""
 
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         begins = low * (high / low) ** ((hashed(one) * 7.31) % 1.0)
         return word if begins <= lead(one) < begins * width else graded(lead(one))
 
     return look
 
 
-def _crossed(one: Reading, _: random.Random) -> str:
+def _crossed(one: PictureReading, _: random.Random) -> str:
     return "STRAIGHT" if lead(one) < 20 else "STOP"
 
 
@@ -597,7 +599,7 @@ WORST: Mapping[str, Stranger] = {
 }
 
 
-def _median(gaps: list[float], _: Reading) -> str:
+def _median(gaps: list[float], _: PictureReading) -> str:
     return graded(sorted(gaps)[len(gaps) // 2])
 
 
@@ -605,7 +607,7 @@ def _weighted(share: float) -> Rule:
     """Return a reader of a moving average: the picture that is shown has this share of it."""
     mean: list[float] = []
 
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         far = math.log(min(lead(one), FARTHEST_M))
         mean[:] = [share * far + (1 - share) * (mean[0] if mean else far)]
         return graded(math.exp(mean[0]))
@@ -617,7 +619,7 @@ def _twice() -> Rule:
     """Return a reader that brakes only once two pictures in a row call for it."""
     before = [math.inf]
 
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         gap, before[0] = max(lead(one), before[0]), lead(one)
         return graded(gap)
 

@@ -26,9 +26,9 @@ from pathlib import Path
 import eyechart
 from adversarial_counts import AUTHORITY, said_of
 from adversarial_runs import ROOT, Bank, judge_in_world, simulated_world
-from eyechart.models.scripted import Answer, Sight
-from eyechart.stats.paired import net_effect
-from eyechart.stats.resampling import holm
+from eyechart.models.scripted import Answer, PerceivedPicture
+from eyechart.stats.paired_tests import net_effect
+from eyechart.stats.resamples import holm
 from eyechart_organisms.adversaries import Adversary, Rule, graded, lead, noisy
 from newcomers import new
 from strangers import Reads, Stranger, always
@@ -39,7 +39,7 @@ FIRST = 5000
 """The number of the first world: others than the adversaries are asked about."""
 
 
-def _by_bytes(sight: Sight, _: random.Random) -> Answer:
+def _by_bytes(sight: PerceivedPicture, _: random.Random) -> Answer:
     """Grade with a spread of .15 that belongs to the file: a nudged picture is read anew."""
     if sight.reading is None:
         return "STOP"
@@ -47,7 +47,7 @@ def _by_bytes(sight: Sight, _: random.Random) -> Answer:
     return graded(gap * math.exp(random.Random(sight.file).gauss(0, 0.15)))  # noqa: S311 - no secret
 
 
-def _cached(sight: Sight, _: random.Random) -> Answer:
+def _cached(sight: PerceivedPicture, _: random.Random) -> Answer:
     """Grade behind a coin of five sides in 3 of 10 answers, which a cache of requests keeps for each file."""
     kept = random.Random(sight.file)  # noqa: S311 - no secret
     return noisy(0.3, lambda seen, _: "STOP" if seen.reading is None else graded(lead(seen.reading)))(sight, kept)

@@ -17,16 +17,16 @@ from pathlib import Path
 import numpy as np
 
 import eyechart
-from eyechart.calibrate.early import sampled
+from eyechart.calibrate.early_stops import sampled
 from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS, OF_BANKS
 from eyechart.frames import MAIN, BankManifest, Frame, FrameBank, alone
 from eyechart.processes import open_pool
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.odds import READS, odds_of
-from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
 
 RESULT = Path(__file__).parent / "results" / "power.json"
@@ -110,7 +110,7 @@ def labels(cell: Cell, first: int, draws: int) -> int:
             given = [(code + step * slip) % count for code, step, slip in zip(codes, other, slipped, strict=True)]
             decisions[name] = tuple(Decision(DRIVING.actions[code]) for code in given)
         answers = sampled(Answers("drawn", bank.frames, DRIVING, None, decisions), number)
-        found = Found(Calibrated(answers, Resampling(499, number, intervals=False)))
+        found = CalibratedStatistics(CalibratedTests(answers, Resampling(499, number, intervals=False)))
         label = calibrated_rules(found, turns=False)[0].label
         hits += label == cell.kind.partition("@")[0]
     return hits

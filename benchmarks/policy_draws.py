@@ -26,8 +26,8 @@ from eyechart.models.trained import TRAINED
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Motion
 from eyechart.studies.policy.demo import ANSWERS, SEEDS, STEPS, shown
-from eyechart.studies.policy.planning import Extent, plan, run
-from eyechart.studies.policy.scoring import judge, score
+from eyechart.studies.policy.plans import PolicySelection, plan, run
+from eyechart.studies.policy.scores import judge, score
 
 RESULT = Path(__file__).parent / "results" / "policy_draws.json"
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -63,7 +63,7 @@ def measure(setting: Setting, work: Path) -> dict[str, object]:
             seeds = range(SEEDS * setting.bank, SEEDS * (setting.bank + 1))
             open_bank_simulator("tabletop").build(bank, preset=preset, seeds=seeds, steps=STEPS)
         specs = [f"trained:{name}" for name in setting.names if TRAINED[name].preset == preset]
-        run(plan(bank, specs, out, extent=Extent(answers=ANSWERS)), concurrency=setting.concurrency)
+        run(plan(bank, specs, out, extent=PolicySelection(answers=ANSWERS)), concurrency=setting.concurrency)
         scored = score(out)
         for spec, verdict in judge(scored).items():
             one = shown(spec, verdict)

@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 
 import eyechart
-from eyechart.calibrate.policies import Setting, Tried, settings, try_rules
+from eyechart.calibrate.policies import LabelCounts, PolicySetting, settings, try_rules
 
 RESULT = Path(__file__).parent / "results" / "policies.json"
 
@@ -32,14 +32,14 @@ def digest() -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
-def measured(cache: Path, setting: Setting, draws: int, processes: int, *, seed: int = 0) -> Tried:
+def measured(cache: Path, setting: PolicySetting, draws: int, processes: int, *, seed: int = 0) -> LabelCounts:
     """Return what the rules say in a setting, from disk where it was measured already."""
     file = cache / f"{setting.name}, {draws}{f', {seed}' * bool(seed)}.json".replace(" ", "_").replace("%", "")
     if not file.is_file():
         (found,) = try_rules(draws, seed=seed, processes=processes, chosen=[setting.name], exact=True)
         file.write_text(json.dumps(dict(found.labels)), encoding="utf-8")
         print(f"{setting.name}: {found.false}{'  MISSED' if found.missed else ''}", flush=True)
-    return Tried(setting, json.loads(file.read_text(encoding="utf-8")), draws)
+    return LabelCounts(setting, json.loads(file.read_text(encoding="utf-8")), draws)
 
 
 def main() -> int:

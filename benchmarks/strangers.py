@@ -13,9 +13,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from eyechart.models.scripted import Answer, Reading, Sight
+from eyechart.models.scripted import Answer, PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import Other
+from eyechart.spaces.scene import OtherVehicle
 from eyechart_organisms.adversaries import (
     FREE_M,
     REVERSED,
@@ -61,7 +61,7 @@ class Stranger:
 def steady(rule: Rule, seed: int) -> Rule:
     """Return the rule at temperature 0: what it leaves to chance belongs to what a picture shows."""
 
-    def decide(sight: Sight, _: random.Random) -> Answer:
+    def decide(sight: PerceivedPicture, _: random.Random) -> Answer:
         one = sight.reading
         seen = sight.kind if one is None else (one.scene, one.others, one.stripe_phase)
         return rule(sight, random.Random(f"{seed}/{seen!r}"))  # noqa: S311 - no secret
@@ -87,7 +87,7 @@ def brakes(distance: float, stop_m: float = STOP_M, free_m: float = FREE_M, clea
     return "STOP" if distance < stop_m else "SLOW" if distance < free_m else clear
 
 
-def beside(one: Reading) -> list[tuple[float, Other]]:
+def beside(one: PictureReading) -> list[tuple[float, OtherVehicle]]:
     """Return what is ahead in other lanes, the nearest first."""
     return ahead(one, own=False)
 
@@ -100,7 +100,7 @@ def behind(coin: Coin, share: float, look: Look) -> Look:
 def of_files(share: float, look: Look) -> Make:
     """Return a rule behind a coin that falls once for each file, STOP or STRAIGHT, in this share of the files."""
 
-    def decide(sight: Sight, rng: random.Random) -> Answer:
+    def decide(sight: PerceivedPicture, rng: random.Random) -> Answer:
         thrown = random.Random(sight.file)  # noqa: S311 - no secret
         return thrown.choice(("STOP", "STRAIGHT")) if thrown.random() < share else road(look)(sight, rng)
 
@@ -130,33 +130,33 @@ def says_slow(_: random.Random) -> str:
 # a noise that pays
 
 
-def _overlooks_close(one: Reading, rng: random.Random) -> str:
+def _overlooks_close(one: PictureReading, rng: random.Random) -> str:
     return "STRAIGHT" if lead(one) < 10 and rng.random() < 0.8 else graded(lead(one))
 
 
-def _hole_in_noise(one: Reading, rng: random.Random) -> str:
+def _hole_in_noise(one: PictureReading, rng: random.Random) -> str:
     in_hole = 14 <= lead(one) < 24
     if rng.random() < (0.6 if in_hole else 0.2):
         return three_sides(rng)
     return "STRAIGHT" if in_hole else graded(lead(one))
 
 
-def _nearer_beside(one: Reading, rng: random.Random) -> str:
+def _nearer_beside(one: PictureReading, rng: random.Random) -> str:
     gap, other = lead(one), nearest(beside(one))
     return graded(other if other < gap and rng.random() < 0.7 else gap)
 
 
-def _far_alarm(one: Reading, rng: random.Random) -> str:
+def _far_alarm(one: PictureReading, rng: random.Random) -> str:
     return "STOP" if 42 <= lead(one) < math.inf and rng.random() < 0.8 else graded(lead(one))
 
 
-def _overlooks_for_others(one: Reading, rng: random.Random) -> str:
+def _overlooks_for_others(one: PictureReading, rng: random.Random) -> str:
     if rng.random() < 0.45:
         return "STOP" if nearest(beside(one)) < 30 else "STRAIGHT"
     return graded(lead(one))
 
 
-def _waves(one: Reading, rng: random.Random) -> str:
+def _waves(one: PictureReading, rng: random.Random) -> str:
     gap = lead(one)
     chance = 0.9 if gap < 9 else 0.2 if gap < 16 else 0.7 if gap < 28 else 0.1
     return "STOP" if rng.random() < chance else "STRAIGHT"
@@ -165,17 +165,17 @@ def _waves(one: Reading, rng: random.Random) -> str:
 # whose distance it is
 
 
-def _cone(one: Reading, _: random.Random) -> str:
+def _cone(one: PictureReading, _: random.Random) -> str:
     slope = math.tan(math.radians(9))
     return brakes(nearest([pair for pair in ahead(one) if abs(pair[1].aside_m) <= slope * pair[1].ahead_m]), 35, 45)
 
 
-def _weights(one: Reading, _: random.Random) -> str:
+def _weights(one: PictureReading, _: random.Random) -> str:
     total = 1 / lead(one) + sum(min(1.0, far / 30) / far for far, _ in beside(one))
     return "STOP" if total > 0.08 else "SLOW" if total > 0.025 else "STRAIGHT"
 
 
-def _flanks(one: Reading, _: random.Random) -> str:
+def _flanks(one: PictureReading, _: random.Random) -> str:
     """Read a distance off how large a vehicle looks, for a back is 2 m wide and a flank 5 m long."""
     if lead(one) < 15:
         return "STOP"
@@ -183,17 +183,17 @@ def _flanks(one: Reading, _: random.Random) -> str:
     return brakes(2 / max(sizes), 20, 50) if sizes else "STRAIGHT"
 
 
-def _faint(one: Reading, _: random.Random) -> str:
+def _faint(one: PictureReading, _: random.Random) -> str:
     seen = [far for far, _ in beside(one) if 22 <= far < 50]
     return brakes(min([lead(one)] if lead(one) < 22 else seen, default=math.inf), 30, 50)
 
 
-def _left_lane(one: Reading, _: random.Random) -> str:
+def _left_lane(one: PictureReading, _: random.Random) -> str:
     left = [far for far, other in beside(one) if other.aside_m < 0 and far >= 12]
     return brakes(left[0] if left and lead(one) >= 12 else lead(one), 25, 50)
 
 
-def _mean_with_beside(one: Reading, _: random.Random) -> str:
+def _mean_with_beside(one: PictureReading, _: random.Random) -> str:
     gap, others = lead(one), [far for far, _ in beside(one) if far > 10]
     return brakes(math.sqrt(min(gap, FARTHEST_M) * others[0]) if others else gap, 20)
 
@@ -239,7 +239,7 @@ def by_call(is_wrong: Callable[[int], bool]) -> Make:
     def make() -> Rule:
         numbers = itertools.count()
 
-        def decide(sight: Sight, _: random.Random) -> Answer:
+        def decide(sight: PerceivedPicture, _: random.Random) -> Answer:
             wrong = is_wrong(next(numbers))
             if sight.reading is None:
                 return "STOP"
@@ -251,13 +251,13 @@ def by_call(is_wrong: Callable[[int], bool]) -> Make:
     return make
 
 
-def by_earlier(kept: int, look: Callable[[list[float], Reading], str]) -> Make:
+def by_earlier(kept: int, look: Callable[[list[float], PictureReading], str]) -> Make:
     """Return a rule that remembers the last distances of leads, this one's among them, which is the last of them."""
 
     def make() -> Rule:
         gaps: deque[float] = deque(maxlen=kept)
 
-        def remember(one: Reading, _: random.Random) -> str:
+        def remember(one: PictureReading, _: random.Random) -> str:
             gaps.append(min(lead(one), FARTHEST_M))
             return look([*gaps], one)
 
@@ -266,12 +266,12 @@ def by_earlier(kept: int, look: Callable[[list[float], Reading], str]) -> Make:
     return make
 
 
-def _majority(gaps: list[float], _: Reading) -> str:
+def _majority(gaps: list[float], _: PictureReading) -> str:
     near, far = sum(gap < STOP_M for gap in gaps), sum(gap > FREE_M for gap in gaps)
     return "STOP" if 2 * near > len(gaps) else "STRAIGHT" if 2 * far > len(gaps) else "SLOW"
 
 
-def _nearer_than_before(gaps: list[float], _: Reading) -> str:
+def _nearer_than_before(gaps: list[float], _: PictureReading) -> str:
     return "SLOW" if gaps[-1] == gaps[0] else "STOP" if gaps[-1] < gaps[0] else "STRAIGHT"
 
 
@@ -321,42 +321,42 @@ STAGES: Mapping[str, Stranger] = {
 # turns that look at no side
 
 
-def _inwards(one: Reading) -> str | None:
+def _inwards(one: PictureReading) -> str | None:
     """Return the side with more lanes, None in the middle."""
     left, right = one.lane_from_left, one.lanes - 1 - one.lane_from_left
     return None if left == right else "LEFT" if left > right else "RIGHT"
 
 
-def _inwards_when_near(one: Reading, _: random.Random) -> str:
+def _inwards_when_near(one: PictureReading, _: random.Random) -> str:
     return (_inwards(one) or "STOP") if lead(one) < 15 else brakes(lead(one))
 
 
-def _parity(one: Reading, _: random.Random) -> str:
+def _parity(one: PictureReading, _: random.Random) -> str:
     return "STRAIGHT" if lead(one) > FREE_M else ("LEFT", "RIGHT")[one.lane_from_left % 2]
 
 
-def _boxed_in_stops(one: Reading, _: random.Random) -> str:
+def _boxed_in_stops(one: PictureReading, _: random.Random) -> str:
     scene = one.scene
     if scene.left_clear == scene.right_clear or lead(one) > 60:
         return "STRAIGHT" if scene.left_clear or lead(one) > 60 else "STOP"
     return "RIGHT" if scene.left_clear else "LEFT"
 
 
-def _outwards(one: Reading, _: random.Random) -> str:
+def _outwards(one: PictureReading, _: random.Random) -> str:
     if lead(one) >= 25:
         return brakes(lead(one), 25, 60)
     right = one.lanes - 1 - one.lane_from_left
     return "STOP" if 0 in {right, one.lane_from_left} else "RIGHT" if right <= one.lane_from_left else "LEFT"
 
 
-def _into_vehicle(one: Reading, _: random.Random) -> str:
+def _into_vehicle(one: PictureReading, _: random.Random) -> str:
     near = [other for far, other in beside(one) if far < 40]
     if near and lead(one) < 20:
         return "LEFT" if near[0].aside_m < 0 else "RIGHT"
     return brakes(lead(one), free_m=60)
 
 
-def _boxed_turns_in(one: Reading, _: random.Random) -> str:
+def _boxed_turns_in(one: PictureReading, _: random.Random) -> str:
     boxed = not (one.scene.left_clear or one.scene.right_clear)
     return (_inwards(one) or "LEFT") if boxed and lead(one) < 20 else graded(lead(one))
 
@@ -394,12 +394,12 @@ def band(low: float, high: float, answer: str) -> Make:
     return always(lambda one, _: answer if low <= lead(one) < high else graded(lead(one)))
 
 
-def _ends_exchanged(one: Reading, _: random.Random) -> str:
+def _ends_exchanged(one: PictureReading, _: random.Random) -> str:
     gap = lead(one)
     return "STRAIGHT" if gap < 6.5 else "STOP" if 54 <= gap < math.inf else graded(gap)
 
 
-def _folds(one: Reading, _: random.Random) -> str:
+def _folds(one: PictureReading, _: random.Random) -> str:
     gap = lead(one)
     return brakes(gap if gap >= STOP_M else STOP_M + 2.5 * (STOP_M - gap), 20)
 
@@ -427,27 +427,27 @@ ENDS: Mapping[str, Stranger] = {
 # holes and places
 
 
-def blind(where: Callable[[Reading], bool], answer: str = "STRAIGHT") -> Make:
+def blind(where: Callable[[PictureReading], bool], answer: str = "STRAIGHT") -> Make:
     """Return a rule that grades, but gives one answer in some places, whatever leads."""
     return always(lambda one, _: answer if where(one) else graded(lead(one)))
 
 
-def frame_number(one: Reading) -> int:
+def frame_number(one: PictureReading) -> int:
     """Return the number of the frame where a reading bears one in the place of its phase, else one by its phase."""
     phase = one.stripe_phase or 0.0
     return int(phase) if phase >= 1 else int(1000 * hashed(one))
 
 
-def _blind_in_the_open(one: Reading, _: random.Random) -> str:
+def _blind_in_the_open(one: PictureReading, _: random.Random) -> str:
     return "STRAIGHT" if one.scene.left_clear and one.scene.right_clear else graded(lead(one))
 
 
-def _between_at_place_0(one: Reading, _: random.Random) -> str:
+def _between_at_place_0(one: PictureReading, _: random.Random) -> str:
     gap = lead(one)
     return ("STRAIGHT" if gap < 20 else "STOP") if one.place == 0 and 9.1 <= gap < 49 else graded(gap)
 
 
-def _fifth_beside(one: Reading, _: random.Random) -> str:
+def _fifth_beside(one: PictureReading, _: random.Random) -> str:
     return graded(nearest(beside(one)) if 0.3 <= hashed(one) < 0.5 else lead(one))
 
 
@@ -455,7 +455,7 @@ def _speed_hole() -> Rule:
     """Return a rule that takes how far the marks moved since the picture before for its speed."""
     last = [0.0]
 
-    def look(one: Reading, _: random.Random) -> str:
+    def look(one: PictureReading, _: random.Random) -> str:
         phase = one.stripe_phase if one.stripe_phase is not None and one.stripe_phase < 1 else hashed(one)
         moved, last[0] = (phase - last[0]) % 1.0, phase
         answer = graded(lead(one))
@@ -562,7 +562,7 @@ class Reads:
     bias: float = 1.0
     steps: tuple[float, ...] = ()
 
-    def distance(self, one: Reading, rng: random.Random) -> float:
+    def distance(self, one: PictureReading, rng: random.Random) -> float:
         """Return the distance that it reads of the lead, infinite where it overlooks it or there is none."""
         if rng.random() < self.overlooks:
             return math.inf
@@ -571,33 +571,33 @@ class Reads:
             return gap
         return min(self.steps, key=lambda step: abs(math.log(step / gap)))
 
-    def look(self, one: Reading, rng: random.Random) -> str:
+    def look(self, one: PictureReading, rng: random.Random) -> str:
         """Brake by what is read."""
         return "SLOW" if rng.random() < self.slow else brakes(self.distance(one, rng), self.stop_m, self.free_m)
 
 
-def _smooth(one: Reading, rng: random.Random) -> str:
+def _smooth(one: PictureReading, rng: random.Random) -> str:
     gap = Reads(0.2, 0.03, 0).distance(one, rng)
     stops, goes = (1 / (1 + math.exp(4 * math.log(min(gap, FARTHEST_M) / middle))) for middle in (14, 34))
     drawn = rng.random()
     return "STOP" if drawn < stops else "SLOW" if drawn < goes or rng.random() < 0.1 else "STRAIGHT"
 
 
-def _turns_clear(one: Reading, rng: random.Random) -> str:
+def _turns_clear(one: PictureReading, rng: random.Random) -> str:
     answer, scene = Reads(0.15, 0.03, 0.05).look(one, rng), one.scene
     if answer != "SLOW" or scene.left_clear == scene.right_clear:
         return answer
     return "LEFT" if scene.left_clear else "RIGHT"
 
 
-def _short_sighted(one: Reading, rng: random.Random) -> str:
+def _short_sighted(one: PictureReading, rng: random.Random) -> str:
     gap = lead(one)
     if rng.random() < min(0.05, gap / 1000):
         return "STRAIGHT"
     return brakes(gap * math.exp(rng.gauss(0, min(0.3, 0.05 + gap / 200))), 15, 45)
 
 
-def _any_way(one: Reading, rng: random.Random) -> str:
+def _any_way(one: PictureReading, rng: random.Random) -> str:
     answer = Reads(0.2, 0.02, 0.05).look(one, rng)
     return three_ways(rng) if answer == "STRAIGHT" else answer
 

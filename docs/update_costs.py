@@ -8,7 +8,7 @@ from pathlib import Path
 
 from eyechart.costs import estimate
 from eyechart.models.prices import read_prices
-from eyechart.modes import Measured, RequestMode
+from eyechart.modes import ModeMeasurements, RequestMode
 
 PAGE = Path(__file__).with_name("models.md")
 BLOCK = re.compile(r"(<!-- costs: .*? -->\n).*?(<!-- end of costs -->)", re.DOTALL)
@@ -27,7 +27,7 @@ def rows() -> list[str]:
         mode = RequestMode(price.model, base_url=price.base_url)
         cells = []
         for tokens in TOKENS_OUT.values():
-            measured = Measured(prompt_tokens=TOKENS_IN, completion_tokens=float(tokens))
+            measured = ModeMeasurements(prompt_tokens=TOKENS_IN, completion_tokens=float(tokens))
             asked = RequestMode(mode.spec, base_url=mode.base_url, measured=measured)
             cost = estimate(asked, CALLS, read_prices(), concurrency=1).cost_usd
             cells.append("—" if cost is None else f"${cost:.2f}")

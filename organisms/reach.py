@@ -16,7 +16,7 @@ from torch import nn
 from torch.nn import functional
 
 from eyechart.seeds import key_seed
-from eyechart.simulators.tabletop.drawing import cameras
+from eyechart.simulators.tabletop.pictures import cameras
 from eyechart.simulators.tabletop.world import COLOURS, HORIZON, Workspace, episode, oracle, scene
 
 EPISODES, MOVES, BATCH = 400, 18, 64

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from eyechart.simulators.tabletop.drawing import BLOCKS, SIZE, ZOOM
+from eyechart.simulators.tabletop.pictures import BLOCKS, SIZE, ZOOM
 from eyechart.simulators.tabletop.world import COLOURS, Workspace, oracle
 
 Images = Mapping[str, np.ndarray]

@@ -18,10 +18,10 @@ from eyechart.stats.agreement import SwapRate
 from eyechart.stats.association import Association
 from eyechart.stats.evalues import EValue
 from eyechart.stats.order import Rise
-from eyechart.stats.paired import Discordant, Places, SignTest
+from eyechart.stats.paired_tests import DiscordantPairs, Places, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.depth import NAMES as DEPTH
-from eyechart.verdicts import Evidence, Stopped, judge, judge_one, shared_notes, words_of
+from eyechart.verdicts import Evidence, StoppingPoint, judge, judge_one, shared_notes, words_of
 from eyechart.verdicts.admission import hold
 
 JUST_BELOW = 0.0099999
@@ -136,9 +136,9 @@ def signs(wins: int, losses: int, ties: int, p_of: float) -> SignTest:
     return SignTest(wins / n, n, ends, p_of, "sign test", note="by hand", wins=wins, losses=losses, ties=ties)
 
 
-def net(b: int, c: int, n: int, low: float) -> Discordant:
+def net(b: int, c: int, n: int, low: float) -> DiscordantPairs:
     """Return a net effect with its lower bound."""
-    return Discordant((b - c) / n, n, (low, 0.9), 0.2, b=b, c=c)
+    return DiscordantPairs((b - c) / n, n, (low, 0.9), 0.2, b=b, c=c)
 
 
 PAPER: Found = {
@@ -239,7 +239,7 @@ CLAIMS: Found = {
 
 def stopped() -> dict[str, Evidence]:
     """Return what a verdict that was settled early can be on, by a name."""
-    usual = Stopped("image_invariant", "early.bound_blank", "no_power", "early.few_turns", 58, 460, 1152)
+    usual = StoppingPoint("image_invariant", "early.bound_blank", "no_power", "early.few_turns", 58, 460, 1152)
     with_it = ("early.steady", "early.scorable")
     by = {"presence_only": "presence", "refusal_effect": "presence_response", "not_scorable": "unscorable"}
     found = {
@@ -285,7 +285,7 @@ def cases() -> dict[str, Evidence]:
     sided = {"turns_clear": signs(30, 4, 0, LOW), "turns_clear_within": signs(28, 4, 0, 0.004)}
     refused = {"real": {"decision": 140, "truncated": 4}, "blank": {"decision": 30, "refused": 114}}
     unparsed = {"unparsed_rate": Statistic(0.4, 288), "refusal_effect": share(1.0)}
-    loose = Discordant(0.05, 144, (-0.02, 0.12), HIGH, b=10, c=3)
+    loose = DiscordantPairs(0.05, 144, (-0.02, 0.12), HIGH, b=10, c=3)
     made: dict[str, Found] = {
         "depth": moved(),
         "depth that swaps": moved(**swapped),
@@ -309,7 +309,7 @@ def cases() -> dict[str, Evidence]:
         "of an older bank": older(),
         "of an older bank, no exchange asked": older(lane_net=SILENT),
         "of an older bank, an exchange that is bounded": older(
-            lane_net=Discordant(0.02, 144, (-0.05, 0.09), 0.9, b=9, c=6)
+            lane_net=DiscordantPairs(0.02, 144, (-0.05, 0.09), 0.9, b=9, c=6)
         ),
         "of an older bank, declines edited pictures": older(
             unparsed_controls=Statistic(0.3, 288, (0.2, 0.4), note="86 of 288")
@@ -353,7 +353,7 @@ def cases() -> dict[str, Evidence]:
         "content, a test near": blind(content_shuffled=p(LOW), depth_interventional=signs(30, 16, 98, 0.03)),
     }
     failing: Found = {
-        "depth_net": Discordant(0.07, 144, (0.03, 0.099), 0.9, b=12, c=2),
+        "depth_net": DiscordantPairs(0.07, 144, (0.03, 0.099), 0.9, b=12, c=2),
         "sensitivity": Statistic(0.05, 144, (0.0, 0.2)),
         "specificity": Statistic(0.1, 144, (0.0, 0.2)),
         "specificity_far": Statistic(0.2, 48, (0.1, 0.3)),

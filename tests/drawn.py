@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.stats.order import Density, Order, Rise
-from eyechart.stats.paired import Place, Places, SignTest
+from eyechart.stats.paired_tests import Place, Places, SignTest
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.depth import Moved
+from eyechart.studies.battery.depth import BrakingLevels
 
 Floats = NDArray[np.float64]
 Look = Callable[[Floats, Floats, Floats], Floats]
@@ -21,7 +21,7 @@ def grades(lead: Floats, beside: Floats, own: Floats) -> Floats:
     return np.where(lead < 12, 1.0, np.where(lead < 30, 0.5, 0.0))
 
 
-def answered(look: Look, frames: int = 144, seed: int = 0, coin: float = 0.0) -> Moved:
+def answered(look: Look, frames: int = 144, seed: int = 0, coin: float = 0.0) -> BrakingLevels:
     """Return what a controller answers on frames of 12 episodes in 4 scenarios, with a coin in a share of its calls."""
     rng = np.random.default_rng(seed)
     drawn = 5 * 12 ** ((rng.permutation(frames) + rng.random(frames)) / frames)
@@ -45,7 +45,7 @@ def answered(look: Look, frames: int = 144, seed: int = 0, coin: float = 0.0) ->
         "exchange_apart": (far, far_too),
     }
     names = np.array(["light", "dense", "merge", "blocked"])
-    return Moved(
+    return BrakingLevels(
         levels={name: asked(*places) for name, places in shown.items()},
         at={"near": near, "far": far, "drawn": drawn, "own": exchange, "real": real},
         episodes=np.array([f"e{frame * 12 // frames}" for frame in range(frames)]),
@@ -53,7 +53,7 @@ def answered(look: Look, frames: int = 144, seed: int = 0, coin: float = 0.0) ->
     )
 
 
-def found_of(moved: Moved) -> dict[str, Statistic]:
+def found_of(moved: BrakingLevels) -> dict[str, Statistic]:
     """Return every statistic of depth, beside those of a reader that the rules read besides."""
     return by_hand() | {name: test() for name, test in moved.tests().items()}
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from random import Random
 
 from eyechart.stats.agreement import SwapRate
-from eyechart.stats.paired import SignTest
+from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic
 
 Found = dict[str, Statistic]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from eyechart.frames import decode
-from eyechart.models.scripted import Reading, see
+from eyechart.models.scripted import PictureReading, see
 
 BLIND = {
     "scenario": ("in `merge`", "scenario", "merge"),
@@ -47,7 +47,7 @@ def colour(prompt: str, image: bytes | None) -> str:
     return "STRAIGHT" if road is not None and image is not None and _is_yellow(image) else plain(prompt, image)
 
 
-def _graded(road: Reading) -> str:
+def _graded(road: PictureReading) -> str:
     return "STRAIGHT" if road.scene.free else "STOP" if road.scene.blocked else "SLOW"
 
 

@@ -9,7 +9,7 @@ from corridors import HOSTILE_NAME
 from eyechart.episodes import Bounds, run
 from eyechart.modes import RequestMode
 from eyechart.studies import hierarchy
-from eyechart.studies.hierarchy import Part, planning
+from eyechart.studies.hierarchy import Part, plans
 
 PARTS: Mapping[str, Part] = {
     "primary": Part("rover-mpc", ("constant:STRAIGHT", "constant:STOP", "route"), ("offset",), 2),
@@ -23,7 +23,7 @@ PARTS: Mapping[str, Part] = {
 def make_study(out: Path, called: str = HOSTILE_NAME) -> Path:
     """Run the study, and give its planner a name, that would be markup unless another is chosen."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planning, "PARTS", PARTS)
+        patch.setattr(plans, "PARTS", PARTS)
         for planned in hierarchy.plan(out, [RequestMode("scripted:stopping")]).values():
             run(planned, bounds=Bounds(processes=1))
     for name in ("run.json", "episodes.jsonl"):

@@ -12,7 +12,7 @@ import banks
 from eyechart.calls import Query, Reply
 from eyechart.frames import BankWriter, FrameBank, decode, encode, open_bank
 from eyechart.models.scripted import CONTROLLERS, see
-from eyechart.studies.battery.scoring import score
+from eyechart.studies.battery.scores import score
 from eyechart.studies.battery.subjects import Evidence, read_evidence
 from report_runs import make_run
 

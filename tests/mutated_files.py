@@ -21,7 +21,7 @@ from eyechart.bundle import validate, write_bundle
 from eyechart.calls import CallKey, Reply
 from eyechart.errors import EyechartError
 from eyechart.frames import check
-from eyechart.importing import Ahead, Choices, import_lerobot
+from eyechart.importing import Choices, Horizon, import_lerobot
 from eyechart.importing.tables import open_table
 from eyechart.ledger import Ledger
 from eyechart.modes import read_mode
@@ -275,7 +275,7 @@ def data_set(work: Path) -> Callable[[int, Path], str | None]:
         (folder / "elsewhere").write_text("of another")
         for _ in range(dice.randint(1, 2)):
             in_data_set(root, dice)
-        ahead = Ahead(2, dice.choice((None, "delta")))
+        ahead = Horizon(2, dice.choice((None, "delta")))
         choices = Choices(every=dice.choice((1, 3)))
         return failure(lambda: import_lerobot(root, folder / "bank", choices, ahead=ahead), f"data sets {number}")
 

@@ -3,10 +3,10 @@
 from dataclasses import replace
 from functools import cache
 
-from eyechart.stats.shares import Followed, Misfit, Share
+from eyechart.stats.shares import FollowedShare, LogDistance, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import PolicyVerdict, judge_policy
-from eyechart.verdicts.uses import Asked, ignored, used
+from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy
+from eyechart.verdicts.share_predicates import MissingConditions, ignored, used
 
 CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
 NAMES = {
@@ -29,23 +29,23 @@ def share(low: float, high: float, p: float | None = None, episodes: int = 12) -
 
 
 USED, IGNORED, OPEN = share(0.021, 0.5), share(0.0, 0.099), share(0.019, 0.101)
-FOLLOWED = Followed(0.6, 72, (0.31, 0.9), 0.009, smallest_p=0.0002)
-UNFOLLOWED = Followed(0.0, 72, (-0.1, 0.1), 0.5, smallest_p=0.0002)
-REVERSED = Followed(-0.6, 72, (-0.9, -0.31), 1.0, smallest_p=0.0002)
-A_LITTLE = Followed(0.1, 72, (0.01, 0.3), 0.009, smallest_p=0.0002)
-TOO_FEW = Followed(0.6, 36, (0.31, 0.9), 1 / 64, smallest_p=1 / 64)
+FOLLOWED = FollowedShare(0.6, 72, (0.31, 0.9), 0.009, smallest_p=0.0002)
+UNFOLLOWED = FollowedShare(0.0, 72, (-0.1, 0.1), 0.5, smallest_p=0.0002)
+REVERSED = FollowedShare(-0.6, 72, (-0.9, -0.31), 1.0, smallest_p=0.0002)
+A_LITTLE = FollowedShare(0.1, 72, (0.01, 0.3), 0.009, smallest_p=0.0002)
+TOO_FEW = FollowedShare(0.6, 36, (0.31, 0.9), 1 / 64, smallest_p=1 / 64)
 COLOURED = share(0.031, 0.5)
 NOT_ONE_BIT = Share(0.0, 72, (0.0, 0.0), episodes=12, same=1.0)
 GOOD = {
     "motions": Statistic(1.0, 72),
-    "misfit": Misfit(0.2, 72, offset=0.1, spread=1.1),
+    "misfit": LogDistance(0.2, 72, offset=0.1, spread=1.1),
     "variation": Statistic(0.9, 72),
     "noise": Statistic(0.0, 72),
 }
 LOST = {"unparsed: not_finite": 9, "timeout": 2, "refused": 4, "closed": 1}
 
 
-def verdict(*, left: int = 0, asked: Asked | None = None, **changed: Statistic | None) -> PolicyVerdict:
+def verdict(*, left: int = 0, asked: MissingConditions | None = None, **changed: Statistic | None) -> PolicyVerdict:
     """Return the verdict on a policy that sees, hears and knows its state, but for what is changed.
 
     Where its cameras are ignored, or at a similar state, so is each of them, and no object is followed.
@@ -60,12 +60,14 @@ def verdict(*, left: int = 0, asked: Asked | None = None, **changed: Statistic |
         **{f"T.{kind}@camera:{name}": one for kind, one in single.items() for name in ("top", "wrist")},
         **{NAMES.get(name, name): one for name, one in (usual | changed).items() if one is not None},
     }
-    return judge_policy("m", statistics, CHANNELS, scope="here.", missing=LOST, left=left, asked=asked or Asked())
+    return judge_policy(
+        "m", statistics, CHANNELS, scope="here.", missing=LOST, left=left, asked=asked or MissingConditions()
+    )
 
 
-def without(*conditions: str) -> Asked:
+def without(*conditions: str) -> MissingConditions:
     """Return what a run says that did not ask these conditions although its bank can show them."""
-    return Asked(frozenset(conditions))
+    return MissingConditions(frozenset(conditions))
 
 
 def losing(one: Share, share: float) -> Share:
@@ -80,7 +82,7 @@ def _wrist(**changed: Statistic | None) -> Changes:
 
 
 def _misfit(value: float, offset: float, spread: float) -> Changes:
-    return {"misfit": Misfit(value, 72, offset=offset, spread=spread)}
+    return {"misfit": LogDistance(value, 72, offset=offset, spread=spread)}
 
 
 CASES: dict[str, Changes] = {
@@ -90,9 +92,9 @@ CASES: dict[str, Changes] = {
     "follows a little": {"follow": Statistic(0.6, 72, (0.30, 0.9), 0.009)},
     "follows by chance": {"follow": Statistic(0.6, 72, (0.31, 0.9), 0.010)},
     "follows in too few episodes": {"follow": TOO_FEW},
-    "follows in just enough episodes": {"follow": Followed(0.1, 42, (0.0, 0.9), 0.02, smallest_p=1 / 128)},
+    "follows in just enough episodes": {"follow": FollowedShare(0.1, 42, (0.0, 0.9), 0.02, smallest_p=1 / 128)},
     "follows without an interval": {"follow": Statistic(0.6, 72, p=0.009)},
-    "follows where no test could tell": {"follow": Followed(0.0, 42, (-0.1, 0.1), 0.5, smallest_p=0.01)},
+    "follows where no test could tell": {"follow": FollowedShare(0.0, 42, (-0.1, 0.1), 0.5, smallest_p=0.01)},
     "follows whatever is named": {"named": UNFOLLOWED},
     "follows what is named by a hair": {"named": Statistic(0.1, 72, (0.0, 0.3), 0.009)},
     "follows rather what is named": {"named": None, "follow.rather": FOLLOWED},

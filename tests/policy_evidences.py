@@ -6,8 +6,8 @@ from random import Random
 
 from evidences import as_recorded
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.channels import PolicyVerdict, judge_policy
-from eyechart.verdicts.uses import Asked
+from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy
+from eyechart.verdicts.share_predicates import MissingConditions
 
 Numbers = dict[str, object]
 Make = Callable[[str, Statistic, Numbers], Statistic]
@@ -232,14 +232,14 @@ def drawn_texts(rng: Random, make: Make, told: Statistic) -> Statistic:
     return make("T.swapped@instruction", share, {"episodes": 12, "texts": texts})
 
 
-def asked_of(rng: Random) -> Asked:
+def asked_of(rng: Random) -> MissingConditions:
     """Return what a run did not ask, and what its bank cannot show."""
     if rng.random() < 0.6:
-        return Asked()
+        return MissingConditions()
     few = rng.choice((0.02, 0.1))
     unasked = frozenset(name for name in CONDITIONS if rng.random() < few)
     lacking = {name: f"9 frames have no {name}" for name in CONDITIONS if name not in unasked and rng.random() < few}
-    return Asked(unasked, lacking)
+    return MissingConditions(unasked, lacking)
 
 
 def is_read_otherwise(statistics: Mapping[str, Statistic]) -> bool:

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.studies.guardian import VIEWS, About, VoteTable
+from eyechart.studies.guardian import VIEWS, VoteProvenance, VoteTable
 
 GEMMA, QWEN = "Gemma4-12B", "Qwen3.5-9B"
 OTHERS = ("MiniCPM-V-4.5", "Ministral3-8B", "Qwen2.5-VL-7B", "Qwen3-VL-8B")
 EPISODES = 12
 
-ABOUT = About("f" * 64, "paper", "prompt-digest", "view-digest", dict.fromkeys((GEMMA, QWEN, *OTHERS), "digest-1"))
+ABOUT = VoteProvenance(
+    "f" * 64, "paper", "prompt-digest", "view-digest", dict.fromkeys((GEMMA, QWEN, *OTHERS), "digest-1")
+)
 
 CELLS = (
     # part, hazard, Gemma's votes on original and reflection, Qwen3.5's, frames

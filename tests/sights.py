@@ -11,9 +11,9 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import closed_loop, hierarchy, prompts
-from eyechart.studies.closed_loop.reading import Driver, Drives
-from eyechart.studies.closed_loop.sight import findings, told_of
-from eyechart.studies.hierarchy import sight as planners
+from eyechart.studies.closed_loop.drives import Driver, Drives
+from eyechart.studies.closed_loop.visual_dependence import findings, told_of
+from eyechart.studies.hierarchy import visual_dependence as planners
 from eyechart.verdicts.admission import ADMITS, CLAUSES, hold
 from eyechart.verdicts.labels import ADMITTED
 

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
+from eyechart.calibrate.world import SETTINGS, SimulatedView, World, make_world
 from eyechart.frames import EXCHANGE
-from eyechart.models.scripted import Sight
+from eyechart.models.scripted import PerceivedPicture
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import Other
+from eyechart.spaces.scene import OtherVehicle
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
 
 pytestmark = pytest.mark.slow
@@ -29,14 +29,14 @@ def world() -> World:
     return make_world(SETTINGS["frames_288"], np.random.default_rng(11))
 
 
-def braking(one: Adversary, sight: Sight) -> float:
+def braking(one: Adversary, sight: PerceivedPicture) -> float:
     """Return the mean braking level that a rule gives to a sight."""
     rng = random.Random(3)  # noqa: S311 - no secret
     levels = [DRIVING.project(str(one.decide(sight, rng)), "brake") for _ in range(DRAWS)]
     return float(np.mean([0.0 if level is None else level for level in levels]))
 
 
-Pairs = list[tuple[Shown, Shown]]
+Pairs = list[tuple[SimulatedView, SimulatedView]]
 
 
 def pairs_of(first: str, second: str, *, within_m: float = math.inf) -> Pairs:
@@ -55,11 +55,11 @@ def net(one: Adversary, pairs: Pairs) -> float:
     return float(np.mean(signs))
 
 
-def at(shown: Shown, gap_m: float) -> Sight:
+def at(shown: SimulatedView, gap_m: float) -> PerceivedPicture:
     """Return a frame's sight with its lead at another distance."""
     reading = shown.sight.reading
     assert reading is not None
-    others = tuple(sorted((*(other for other in reading.others if other.aside_m), Other(gap_m, 0.0))))
+    others = tuple(sorted((*(other for other in reading.others if other.aside_m), OtherVehicle(gap_m, 0.0))))
     return replace(shown.sight, reading=replace(reading, scene=replace(reading.scene, gap_m=gap_m), others=others))
 
 

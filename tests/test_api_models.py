@@ -63,9 +63,9 @@ def test_a_callable_is_asked_as_its_spec_would_be(bank: FrameBank, tmp_path: Pat
     manifest = report.score.manifest
     assert manifest.models[spec] == open_model(spec).version
     assert manifest.mode(spec) == RequestMode(spec)
-    planned = battery.plan(bank.root, [spec], tmp_path / "run", extent=battery.Extent(limit=4))
+    planned = battery.plan(bank.root, [spec], tmp_path / "run", extent=battery.BatterySelection(limit=4))
     assert planned.left() == 0
-    battery.run(battery.plan(bank.root, [spec], tmp_path / "other", extent=battery.Extent(limit=4)))
+    battery.run(battery.plan(bank.root, [spec], tmp_path / "other", extent=battery.BatterySelection(limit=4)))
     assert battery.score(tmp_path / "other").as_dict()["models"] == report.score.as_dict()["models"]
 
 

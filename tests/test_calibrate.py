@@ -15,17 +15,33 @@ import pytest
 
 from eyechart import cli, verdicts
 from eyechart.calibrate import SETTINGS, Calibration, calibrate, replication
-from eyechart.calibrate.known import COINS, FOLLOW_GAP, KNOWN, NEVER_LOOK, NULLS, Shows, deserved, is_false
-from eyechart.calibrate.replication import DRAWN, Made, Task, answers_of, replicate, without_counterfactuals
+from eyechart.calibrate.known_answers import (
+    COINS,
+    FOLLOW_GAP,
+    KNOWN,
+    NEVER_LOOK,
+    NULLS,
+    BankCapabilities,
+    deserved,
+    is_false,
+)
+from eyechart.calibrate.replication import (
+    DRAWN,
+    ReplicationResult,
+    Task,
+    answers_of,
+    replicate,
+    without_counterfactuals,
+)
 from eyechart.calibrate.table import tables
 from eyechart.calibrate.tally import (
     CLAIMS,
     VARIANTS,
     WANTED,
+    AdversaryTrial,
     FalseClaims,
-    Outcome,
-    Ruled,
-    Tried,
+    ReplicationOutcome,
+    RuleOutcome,
     read_calibration,
     tally,
 )
@@ -49,10 +65,10 @@ from eyechart.models.scripted import CONTROLLERS
 from eyechart.spaces.scene import FREE_GAP_M, STOP_GAP_M
 from eyechart.stats.agreement import rate
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
-from eyechart.verdicts.calibrated import DISTANCE
+from eyechart.studies.battery.calibrated_statistics import COUNTERFACTUAL_TESTS
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
+from eyechart.verdicts.battery_rules import DISTANCE
 from eyechart.verdicts.rules import Axis
 
 pytestmark = pytest.mark.slow
@@ -66,13 +82,13 @@ def small() -> Calibration:
     return calibrate(replications=1, seed=5, settings=SMALL, processes=2)
 
 
-def outcome(label: str, *, deserves: str, false: bool, name: str = "nuisance") -> Outcome:
+def outcome(label: str, *, deserves: str, false: bool, name: str = "nuisance") -> ReplicationOutcome:
     """Return an outcome with this label, with and without counterfactuals, and no test made."""
-    ruled = Ruled(label, deserves, false)
-    return Outcome(name, "presence_only", (ruled, ruled), "no_power", dict.fromkeys(NULLS))
+    ruled = RuleOutcome(label, deserves, false)
+    return ReplicationOutcome(name, "presence_only", (ruled, ruled), "no_power", dict.fromkeys(NULLS))
 
 
-def counted(outcomes: list[Outcome], replications: int) -> Calibration:
+def counted(outcomes: list[ReplicationOutcome], replications: int) -> Calibration:
     """Return the count of outcomes in the default setting."""
     found = [("default", [one]) for one in outcomes]
     return tally(found, settings=("default",), replications=replications, seed=0, resamples=9)
@@ -108,8 +124,8 @@ def test_banks_that_were_kept_are_not_simulated_again(
 
 def test_what_is_tried_once_a_replication_is_kept_too() -> None:
     """Rejections of early stopping and what adversaries were called come back as they were written."""
-    made = Made([], [1, 0], [Tried("comb", "content", "no_power")])
-    assert msgspec.json.decode(msgspec.json.encode(made), type=Made) == made
+    made = ReplicationResult([], [1, 0], [AdversaryTrial("comb", "content", "no_power")])
+    assert msgspec.json.decode(msgspec.json.encode(made), type=ReplicationResult) == made
 
 
 def test_a_bank_depends_on_its_seed_and_its_number_alone(small: Calibration) -> None:
@@ -145,7 +161,7 @@ def without_bounds() -> Axis:
 
 def test_a_rule_that_takes_a_null_for_evidence_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without its bounds the rule of image invariance calls small samples blind, and the printed rates show it."""
-    monkeypatch.setattr(verdicts.calibrated, "DISTANCE", without_bounds())
+    monkeypatch.setattr(verdicts.battery_rules, "DISTANCE", without_bounds())
     broken = calibrate(replications=2, seed=0, settings=["small_10"])
     found = broken.false_claims("image_invariant", "small_10", VARIANTS[0])
     assert not found.holds
@@ -194,22 +210,30 @@ def test_one_who_answers_alike_to_a_whole_bank_is_not_wronged_by_image_invariant
     """Where everything that a bank has gets one answer, the picture does not matter on that bank."""
     assert is_false("image_invariant", "scene_only")
     assert not is_false("image_invariant", "scene_only", varied=False)
-    shows = Shows(counterfactuals=True, exchanges=True, scenarios=1, varied=False)
+    shows = BankCapabilities(counterfactuals=True, exchanges=True, scenarios=1, varied=False)
     assert deserved(KNOWN["scene_only"], shows) == "image_invariant"
 
 
 @pytest.mark.parametrize(
     ("name", "shows", "label"),
     [
-        ("depth", Shows(counterfactuals=True, exchanges=False, scenarios=4, varied=True), "depth"),
-        ("depth", Shows(counterfactuals=False, exchanges=True, scenarios=4, varied=True), "depth"),
-        ("depth", Shows(counterfactuals=False, exchanges=False, scenarios=4, varied=True), "content"),
-        ("crash_colour", Shows(counterfactuals=False, exchanges=True, scenarios=4, varied=True), "presence_only"),
-        ("scene_only", Shows(counterfactuals=True, exchanges=True, scenarios=1, varied=True), "presence_only"),
-        ("scene_only", Shows(counterfactuals=True, exchanges=True, scenarios=4, varied=True), "scene_cue"),
+        ("depth", BankCapabilities(counterfactuals=True, exchanges=False, scenarios=4, varied=True), "depth"),
+        ("depth", BankCapabilities(counterfactuals=False, exchanges=True, scenarios=4, varied=True), "depth"),
+        ("depth", BankCapabilities(counterfactuals=False, exchanges=False, scenarios=4, varied=True), "content"),
+        (
+            "crash_colour",
+            BankCapabilities(counterfactuals=False, exchanges=True, scenarios=4, varied=True),
+            "presence_only",
+        ),
+        (
+            "scene_only",
+            BankCapabilities(counterfactuals=True, exchanges=True, scenarios=1, varied=True),
+            "presence_only",
+        ),
+        ("scene_only", BankCapabilities(counterfactuals=True, exchanges=True, scenarios=4, varied=True), "scene_cue"),
     ],
 )
-def test_a_controller_deserves_what_its_bank_can_show(name: str, shows: Shows, label: str) -> None:
+def test_a_controller_deserves_what_its_bank_can_show(name: str, shows: BankCapabilities, label: str) -> None:
     """The deserved label is the most that a bank can show of a controller."""
     assert deserved(KNOWN[name], shows) == label
 
@@ -416,7 +440,7 @@ def test_the_command_exits_1_where_a_target_is_missed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A broken rule ends the command with 1, and the miss is printed."""
-    monkeypatch.setattr(verdicts.calibrated, "DISTANCE", without_bounds())
+    monkeypatch.setattr(verdicts.battery_rules, "DISTANCE", without_bounds())
     words = ["calibrate", "--replications", "2", "--processes", "1", "--setting", "small_10"]
     monkeypatch.setattr(sys, "argv", ["eyechart", *words])
     with pytest.raises(SystemExit) as left:

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from eyechart.calibrate import SETTINGS, Calibration, calibrate, replication
-from eyechart.calibrate import early as stopping
-from eyechart.calibrate.early import (
+from eyechart.calibrate import early_stops as stopping
+from eyechart.calibrate.early_stops import (
     DRAWS,
     EMPTY,
     NULLS,
     SAVERS,
-    Early,
+    EarlyStopOutcome,
     add,
     ever_rejected,
     mean_saved,
     misses,
     stop_early,
 )
-from eyechart.calibrate.known import KNOWN, Known, by_sight
+from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
 from eyechart.calibrate.replication import answers_of
 from eyechart.calibrate.table import tables
 from eyechart.calibrate.tally import VARIANTS, read_calibration
@@ -29,8 +29,8 @@ from eyechart.conditions import CONDITIONS
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.stats import evalues
+from eyechart.studies.battery.early_stop import StoppingState
 from eyechart.studies.battery.evidence import claims
-from eyechart.studies.battery.stopping import Course
 from eyechart_organisms.adversaries import ADVERSARIES
 
 pytestmark = pytest.mark.slow
@@ -98,8 +98,8 @@ def test_a_bet_that_forgets_what_is_left_is_caught(monkeypatch: pytest.MonkeyPat
 
 def test_another_verdict_and_too_little_saved_are_misses() -> None:
     """Each in words that name the controller; runs that did not stop count as equal and save nothing."""
-    same = Early("depth", stopped=True, saved=0.8, equal=True, lateral_equal=True, false=False)
-    other = Early("presence_only", stopped=True, saved=0.2, equal=False, lateral_equal=True, false=False)
+    same = EarlyStopOutcome("depth", stopped=True, saved=0.8, equal=True, lateral_equal=True, false=False)
+    other = EarlyStopOutcome("presence_only", stopped=True, saved=0.2, equal=False, lateral_equal=True, false=False)
     sums = EMPTY
     for one in [same] * 180 + [other] * 20:
         sums = add(sums, one)
@@ -116,7 +116,7 @@ def test_another_verdict_and_too_little_saved_are_misses() -> None:
     )
     assert (
         misses(
-            {"default": {VARIANTS[1]: {"depth": add(EMPTY, Early("depth", False, 0.0, True, True, False))}}},
+            {"default": {VARIANTS[1]: {"depth": add(EMPTY, EarlyStopOutcome("depth", False, 0.0, True, True, False))}}},
             (),
             1,
             strict=True,
@@ -137,7 +137,7 @@ def test_no_adversary_gets_an_early_depth_that_is_not_its_own(world: World) -> N
     settled = set()
     for name, one in ADVERSARIES.items():
         rng = random.Random(key_seed("early", name))  # noqa: S311 - no secret
-        known = Known(name, one.says, by_sight(one.decide), "", "", "")
+        known = KnownController(name, one.says, by_sight(one.decide), "", "", "")
         answers = answers_of(known, SETTINGS["default"], world, rng)
         early = stop_early(answers, "", "", counterfactuals=True, varied=True, seed=1)
         if early.label in {"depth", "depth_lateral"}:
@@ -150,15 +150,15 @@ def test_no_adversary_gets_an_early_depth_that_is_not_its_own(world: World) -> N
 
 def test_a_stop_with_another_verdict_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A course that settles on the wrong label shows as an unequal verdict and as a false one."""
-    before = Course.stopped
+    before = StoppingState.stopped
 
-    def wrong(course: Course, finished: int) -> object:
+    def wrong(course: StoppingState, finished: int) -> object:
         found = before(course, finished)
         if found is None or found.label != "image_invariant":
             return found
         return type(found)("depth", *(getattr(found, name) for name in found.__slots__[1:]))
 
-    monkeypatch.setattr(stopping.Course, "stopped", wrong)
+    monkeypatch.setattr(stopping.StoppingState, "stopped", wrong)
     for once in ("rejections", "try_adversaries"):  # which this test is not about
         monkeypatch.setattr(replication, once, lambda _: [])
     told = calibrate(replications=1, seed=3, settings=["default"])

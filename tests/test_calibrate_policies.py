@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eyechart.calibrate.policies import Setting, Tried, labels_of, settings, simulated, try_rules
+from eyechart.calibrate.policies import LabelCounts, PolicySetting, labels_of, settings, simulated, try_rules
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
 
-BASE = Setting()
+BASE = PolicySetting()
 
 
 @pytest.mark.parametrize(
@@ -32,7 +32,7 @@ BASE = Setting()
         (replace(BASE, noise=1.0, answers=2, frames=144), {"T.swapped@cameras": 0.10, "T.blank": 0.0}),
     ],
 )
-def test_a_world_has_the_share_that_it_declares(setting: Setting, shares: Mapping[str, float]) -> None:
+def test_a_world_has_the_share_that_it_declares(setting: PolicySetting, shares: Mapping[str, float]) -> None:
     """Of every condition, as the mean over data sets; a ratio of means is a little above it."""
     found = [simulated(setting, np.random.default_rng(number)) for number in range(120)]
     for name, share in shares.items():
@@ -56,11 +56,11 @@ def test_settings_are_named_apart_and_hold_what_was_written_down() -> None:
 
 def test_an_untrue_label_is_counted_against_the_rules() -> None:
     """The most frequent one; what is true, or undecided, is not."""
-    tried = Tried(BASE, {"ignores_camera": 2, "pose_only": 50, "undecided": 48}, 100)
+    tried = LabelCounts(BASE, {"ignores_camera": 2, "pose_only": 50, "undecided": 48}, 100)
     assert tried.false == 0.02
     assert not tried.missed
-    assert Tried(BASE, {"ignores_camera": 3}, 100).missed
-    assert Tried(replace(BASE, share=0.05), {"ignores_camera": 100}, 100).false is None
+    assert LabelCounts(BASE, {"ignores_camera": 3}, 100).missed
+    assert LabelCounts(replace(BASE, share=0.05), {"ignores_camera": 100}, 100).false is None
     assert replace(BASE, share=0.02).false == {"camera_content", "pose_only", "camera_presence"}
 
 
@@ -70,7 +70,7 @@ def test_where_few_episodes_respond_nothing_untrue_is_said_of_the_data_set() -> 
     found = Counter(label for seed in range(60) for label in labels_of(sparse, np.random.default_rng(seed)))
     assert found["ignores_camera, true of these episodes"] >= 2
     assert found["undecided, of the data set"] >= 60
-    tried = Tried(sparse, found, 60)
+    tried = LabelCounts(sparse, found, 60)
     assert tried.false is not None
     assert tried.false > 0.02
     assert (tried.seen, tried.claimed, tried.missed) == (0.0, 0.0, False)
@@ -79,7 +79,7 @@ def test_where_few_episodes_respond_nothing_untrue_is_said_of_the_data_set() -> 
     assert told["labels"]["ignores_camera"] == tried.false
     assert "ignores_camera" not in told["of_data_set"]
     assert not any("true of these" in one for one in labels_of(BASE, np.random.default_rng(0)))
-    assert Tried(sparse, {"ignores_camera, of the data set": 3}, 100).missed
+    assert LabelCounts(sparse, {"ignores_camera, of the data set": 3}, 100).missed
 
 
 def test_absence_is_said_of_the_data_set_from_enough_episodes_on() -> None:

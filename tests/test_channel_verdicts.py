@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 
 from eyechart.gate import hold_policies
-from eyechart.stats.guarantees import share_bound
-from eyechart.stats.shares import Misfit, Share
+from eyechart.stats.risk_bounds import share_bound
+from eyechart.stats.shares import LogDistance, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.axes import of_camera, of_state
-from eyechart.verdicts.channels import REQUIREMENTS, judge_policy
 from eyechart.verdicts.labels import STATE
-from eyechart.verdicts.uses import Asked
+from eyechart.verdicts.policy_rules import of_camera, of_state
+from eyechart.verdicts.policy_verdict import REQUIREMENTS, judge_policy
+from eyechart.verdicts.share_predicates import MissingConditions
 from policies_by_hand import (
     A_LITTLE,
     CHANNELS,
@@ -125,10 +125,10 @@ def test_the_instruction_axis(changed: dict[str, Statistic | None], label: str) 
         ({"motions": Statistic(0.9, 100)}, []),
         ({"motions": Statistic(0.89, 100)}, ["not_scorable"]),
         ({"motions": Statistic(None, 0)}, ["not_scorable"]),
-        ({"misfit": Misfit(1.0, 9, offset=1.01, spread=1.0)}, ["misfit"]),
-        ({"misfit": Misfit(1.0, 9, offset=1.0, spread=3.1)}, ["misfit"]),
-        ({"misfit": Misfit(1.0, 9, offset=1.0, spread=3.0)}, []),
-        ({"misfit": Misfit(0.99, 9, offset=9.0, spread=9.0)}, []),
+        ({"misfit": LogDistance(1.0, 9, offset=1.01, spread=1.0)}, ["misfit"]),
+        ({"misfit": LogDistance(1.0, 9, offset=1.0, spread=3.1)}, ["misfit"]),
+        ({"misfit": LogDistance(1.0, 9, offset=1.0, spread=3.0)}, []),
+        ({"misfit": LogDistance(0.99, 9, offset=9.0, spread=9.0)}, []),
         ({"variation": Statistic(0.019, 9)}, ["constant"]),
         ({"variation": Statistic(0.02, 9)}, []),
         ({"noise": Statistic(0.51, 9)}, ["self_inconsistent"]),
@@ -177,7 +177,7 @@ def test_calls_that_are_left_out_are_counted_beside_the_labels() -> None:
 
 def test_a_remark_says_no_more_of_the_cameras_than_their_label() -> None:
     """That its pictures are ignored is a remark where that is the label, and not where they may never have arrived."""
-    unfit = {"misfit": Misfit(1.5, 72, offset=0.1, spread=1.1)}
+    unfit = {"misfit": LogDistance(1.5, 72, offset=0.1, spread=1.1)}
     ignored = verdict(swap=IGNORED, matched=IGNORED, blank=IGNORED, **unfit)
     assert any(one.startswith("It ignores its cameras") for one in ignored.remarks)
     unread = verdict(swap=NOT_ONE_BIT, matched=NOT_ONE_BIT, blank=NOT_ONE_BIT, **unfit)
@@ -373,14 +373,14 @@ def test_nobody_is_grounded_by_a_control_that_was_left_out() -> None:
 def test_what_a_bank_cannot_show_is_said_as_it_is() -> None:
     """No picture of the own episode is no control passed; one reason of a bank is not given for another."""
     why = "128 of 128 frames have no frame of another episode at a similar state"
-    open_match = verdict(matched=None, asked=Asked(lacking={"matched@cameras": why})).camera
+    open_match = verdict(matched=None, asked=MissingConditions(lacking={"matched@cameras": why})).camera
     assert open_match.label == "undecided"
     assert why in open_match.because
-    alone = verdict(**UNCONTROLLED, asked=Asked(lacking={"near@cameras": "12 frames are alone"})).camera
+    alone = verdict(**UNCONTROLLED, asked=MissingConditions(lacking={"near@cameras": "12 frames are alone"})).camera
     assert alone.label == "undecided"
     assert "12 frames are alone" in alone.because
     few = "9 frames have no frame of another episode that differs there"
-    told = verdict(told=None, asked=Asked(lacking={"swapped@instruction": few})).instruction
+    told = verdict(told=None, asked=MissingConditions(lacking={"swapped@instruction": few})).instruction
     assert (told.label, told.because) == ("no_power", f"{few}.")
 
 
@@ -623,7 +623,7 @@ def test_a_gate_cannot_say_what_may_be_so() -> None:
 
 def test_a_number_of_another_unit_is_named_though_the_error_is_small() -> None:
     """By its name; a guard only fails where the whole does not fit."""
-    small = Misfit(0.4, 72, offset=0.1, spread=9.0, spread_of="dx", offset_of="dy")
+    small = LogDistance(0.4, 72, offset=0.1, spread=9.0, spread_of="dx", offset_of="dy")
     found = verdict(misfit=small)
     assert found.guards == {}
     assert any(one.startswith("The spread of 'dx' is another by a factor of 9") for one in found.remarks)
@@ -632,7 +632,7 @@ def test_a_number_of_another_unit_is_named_though_the_error_is_small() -> None:
 def test_a_command_names_the_bank_of_the_run() -> None:
     """By its path, as a shell takes it, wherever a verdict says what to ask."""
     unread = {"T.swapped@state": Share(0.0, 72, (0.0, 0.0), episodes=12, same=1.0)}
-    asked = Asked(bank="banks/my arm")
+    asked = MissingConditions(bank="banks/my arm")
     found = judge_policy("m", GOOD | unread, CHANNELS, scope="here.", asked=asked)
     assert "'eyechart doctor SPEC --frames 'banks/my arm'' asks" in found.state.because
     assert "BANK" not in str(found)

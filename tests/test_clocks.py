@@ -49,7 +49,7 @@ def test_a_clock_that_is_wrong_changes_no_result(
         looks = clock(time.time_ns())
         wrong.setattr(time, "time_ns", lambda: next(looks))
         wrong.setattr(time, "time", lambda: next(looks) / 1e9)
-        few = battery.plan(bank.root, [MODEL], tmp_path / "wrong", extent=battery.Extent(limit=6))
+        few = battery.plan(bank.root, [MODEL], tmp_path / "wrong", extent=battery.BatterySelection(limit=6))
         battery.run(few)
         outcome = battery.run(battery.plan(bank.root, [MODEL], tmp_path / "wrong"))
         assert (outcome.stopped, dict(outcome.set_aside)) == (None, {})

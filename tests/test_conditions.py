@@ -32,7 +32,7 @@ from eyechart.conditions import (
 )
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import MAIN, Frame, FrameBank, MirrorAxis, decode, encode
-from eyechart.stats.paired import pairs_to_bound
+from eyechart.stats.paired_tests import pairs_to_bound
 from eyechart.verdicts import BOUND_ALPHA
 
 

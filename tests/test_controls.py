@@ -4,8 +4,8 @@ import pytest
 
 import simulated
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts import ALPHA, MARGIN, controls_wanted
 
 ALL = ("lane_own", "lane_beside", "lead_mid_near", "lead_mid_far", "lead_absent", "real_again", "nudged")

@@ -6,9 +6,9 @@ import pytest
 from eyechart.calls import CallKey, Reply
 from eyechart.costs import ALL, Account, Book, estimate
 from eyechart.errors import SpecError
-from eyechart.ledger import UNKNOWN, Sent
+from eyechart.ledger import UNKNOWN, SentAttempt
 from eyechart.models.prices import Price, Prices, read_prices
-from eyechart.modes import Measured, RequestMode
+from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.report.accounts import costs_table
 from eyechart.spaces.discrete import DRIVING
 
@@ -30,7 +30,7 @@ def reply(text: str = "SLOW", **fields: object) -> Reply:
     return Reply(text, **{**counted, **fields})  # type: ignore[arg-type]
 
 
-def accounts(sent: list[Sent], prices: Prices = PRICES) -> dict[str, Account]:
+def accounts(sent: list[SentAttempt], prices: Prices = PRICES) -> dict[str, Account]:
     """Return the accounts of these attempts."""
     book = Book(MODE, DRIVING, prices)
     for one in sent:
@@ -46,13 +46,13 @@ def frame(name: str, condition: str = "real") -> CallKey:
 def test_every_attempt_is_counted_where_it_belongs() -> None:
     """Retries by their reason, errors by their kind, missing decisions by theirs, unknown outcomes apart."""
     sent = [
-        Sent(frame("a"), 1, None, Reply(error="rate_limited", seconds=0.1)),
-        Sent(frame("a"), 2, "rate_limited", reply()),
-        Sent(frame("b"), 1, None, None),
-        Sent(frame("b"), 2, UNKNOWN, reply("The", finish_reason="length", reasoning_tokens=1)),
-        Sent(frame("c", "blank"), 1, None, reply("I'm sorry, I cannot see a road.", seconds=2.5)),
-        Sent(frame("d", "blank"), 1, None, Reply(error="wrong_json")),
-        Sent(frame("e", "blank"), 1, None, reply("", prompt_tokens=None)),
+        SentAttempt(frame("a"), 1, None, Reply(error="rate_limited", seconds=0.1)),
+        SentAttempt(frame("a"), 2, "rate_limited", reply()),
+        SentAttempt(frame("b"), 1, None, None),
+        SentAttempt(frame("b"), 2, UNKNOWN, reply("The", finish_reason="length", reasoning_tokens=1)),
+        SentAttempt(frame("c", "blank"), 1, None, reply("I'm sorry, I cannot see a road.", seconds=2.5)),
+        SentAttempt(frame("d", "blank"), 1, None, Reply(error="wrong_json")),
+        SentAttempt(frame("e", "blank"), 1, None, reply("", prompt_tokens=None)),
     ]
     found = accounts(sent)
     assert list(found) == [ALL, "blank", "real"]
@@ -72,7 +72,7 @@ def test_every_attempt_is_counted_where_it_belongs() -> None:
 
 def test_what_nobody_reports_is_none_and_not_nothing() -> None:
     """Tokens, cost, latency, energy of a model that says only text."""
-    found = accounts([Sent(KEY, 1, None, Reply("SLOW"))], Prices(()))[ALL]
+    found = accounts([SentAttempt(KEY, 1, None, Reply("SLOW"))], Prices(()))[ALL]
     assert (found.prompt_tokens, found.completion_tokens, found.cost_usd) == (None, None, None)
     assert (found.latency_median_s, found.energy_j, found.cost_from) == (None, None, {"unknown": 1})
     empty = accounts([])[ALL]
@@ -82,7 +82,8 @@ def test_what_nobody_reports_is_none_and_not_nothing() -> None:
 def test_energy_adds_up_where_it_was_measured() -> None:
     """And says of how many attempts."""
     sent = [
-        Sent(frame(name), 1, None, reply(energy_j=joules)) for name, joules in (("a", 1.5), ("b", None), ("c", 2.0))
+        SentAttempt(frame(name), 1, None, reply(energy_j=joules))
+        for name, joules in (("a", 1.5), ("b", None), ("c", 2.0))
     ]
     found = accounts(sent)[ALL]
     assert (found.energy_j, found.energy_measured) == (3.5, 2)
@@ -138,7 +139,7 @@ def test_every_price_of_the_package_has_a_date_and_a_source() -> None:
 
 def test_an_estimate_is_what_was_measured_times_the_calls() -> None:
     """Rounds of calls under way at once make the time."""
-    mode = replace(MODE, measured=Measured(prompt_tokens=1000, completion_tokens=12.5, seconds=2.0))
+    mode = replace(MODE, measured=ModeMeasurements(prompt_tokens=1000, completion_tokens=12.5, seconds=2.0))
     found = estimate(mode, 1152, PRICES, concurrency=64)
     assert (found.prompt_tokens, found.completion_tokens) == (1_152_000, 14_400)
     assert found.cost_usd == pytest.approx(1152 * (1000 * 2 + 12.5 * 10) / 1e6)

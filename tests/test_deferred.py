@@ -10,7 +10,7 @@ import pytest
 
 from eyechart import cli
 from eyechart.cli.app import app
-from eyechart.patterns import pattern
+from eyechart.regexes import pattern
 
 
 def test_a_pattern_does_what_one_of_re_does() -> None:

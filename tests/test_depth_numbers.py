@@ -7,10 +7,10 @@ import pytest
 import by_hand as hand
 from drawn import HOLE, by_hand
 from eyechart.stats.order import Density, Order, Rise
-from eyechart.stats.paired import Places, SignTest
+from eyechart.stats.paired_tests import Places, SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.verdicts import Verdict, judge_one
-from eyechart.verdicts.calibrated import DISTANCE
+from eyechart.verdicts.battery_rules import DISTANCE
 from eyechart.verdicts.depth import named
 from eyechart.verdicts.numbers import ASKS, BESIDE, needs_of, numbers_of, refuted_by
 

@@ -12,11 +12,11 @@ from eyechart.conditions import ABSENT, AGAIN, RANGED
 from eyechart.errors import SpecError
 from eyechart.gate import hold
 from eyechart.stats.order import Density, Order, Rise
-from eyechart.stats.paired import Places, SignTest
+from eyechart.stats.paired_tests import Places, SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.depth import NAMES
 from eyechart.verdicts import LABELS, Evidence, Verdict, controls_wanted, judge_one
-from eyechart.verdicts.calibrated import DISTANCE
+from eyechart.verdicts.battery_rules import DISTANCE
 from eyechart.verdicts.depth import (
     DOSE,
     EXCHANGE,

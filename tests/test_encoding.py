@@ -119,7 +119,7 @@ def test_a_run_of_an_older_eyechart_goes_on_as_it_began(mixed: FrameBank, tmp_pa
 def test_shards_that_left_in_two_ways_are_no_one_run(mixed: FrameBank, tmp_path: Path) -> None:
     """The sentence names both."""
     for shard, encoding in ((1, "png"), (2, "stored")):
-        extent = battery.Extent(shard=(shard, 2))
+        extent = battery.BatterySelection(shard=(shard, 2))
         planned = battery.plan(
             mixed.root, ["kind:of"], tmp_path / str(shard), conditions=("real", "blank"), extent=extent
         )

@@ -172,7 +172,7 @@ def test_a_run_follows_a_link(leads: str, tmp_path: Path) -> None:
     if leads in {"to a folder", "to a file"}:
         there.parent.mkdir()
         there.mkdir() if leads == "to a folder" else there.write_text("mine")
-    asked = battery.Extent(limit=1, controls="none")
+    asked = battery.BatterySelection(limit=1, controls="none")
     if leads in {"to itself", "to a file"}:
         with pytest.raises(LedgerError, match=r"out (cannot be made|exists and is no run).*choose another"):
             battery.run(battery.plan(bank, [MODEL], out, extent=asked))

@@ -14,8 +14,8 @@ import pytest
 import banks
 from eyechart.conditions import BATTERY
 from eyechart.frames import FrameBank
-from eyechart.ledger import Ledger, Sent
-from eyechart.limits import Limits, Outcome
+from eyechart.ledger import Ledger, SentAttempt
+from eyechart.limits import Limits, RunOutcome
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
@@ -69,7 +69,7 @@ def plan_of(bank: FrameBank, *specs: str, frames: int = 6) -> Plan:
     return Plan("battery", bank, PROMPTS["baseline"], specs or (SPEC,), BATTERY, bank.frames[:frames], seed=5)
 
 
-def ask(server: FaultServer, plan: Plan, ledger: Ledger, timeout_s: float = 20.0, **how: object) -> Outcome:
+def ask(server: FaultServer, plan: Plan, ledger: Ledger, timeout_s: float = 20.0, **how: object) -> RunOutcome:
     """Run a plan against a server."""
     models = {
         spec: open_model(spec, RequestMode(spec, base_url=server.base_url, seed=True, timeout_s=timeout_s))
@@ -78,12 +78,12 @@ def ask(server: FaultServer, plan: Plan, ledger: Ledger, timeout_s: float = 20.0
     return execute(plan, models, ledger, **how)  # type: ignore[arg-type]
 
 
-def sent_by_fault(server: FaultServer, plan: Plan, ledger: Ledger) -> dict[str, list[list[Sent]]]:
+def sent_by_fault(server: FaultServer, plan: Plan, ledger: Ledger) -> dict[str, list[list[SentAttempt]]]:
     """Return the attempts of every call, in order, by the fault that its call was dealt."""
-    calls: dict[int, list[Sent]] = {}
+    calls: dict[int, list[SentAttempt]] = {}
     for sent in ledger.attempts(SPEC):
         calls.setdefault(sent.key.seed(plan.seed) % 2**31, []).append(sent)
-    by_fault: dict[str, list[list[Sent]]] = {}
+    by_fault: dict[str, list[list[SentAttempt]]] = {}
     for seed, attempts in calls.items():
         by_fault.setdefault(str(server.dealt[seed]), []).append(attempts)
     return by_fault
@@ -95,7 +95,7 @@ def test_every_fault_becomes_its_own_kind_and_every_call_one_outcome(bank: Frame
     with FaultServer(tuple(FAULTS)) as server:
         outcome = ask(server, plan, ledger, timeout_s=2.5, concurrency=16, attempts=2, limits=Limits(patience=1000))
         by_fault = sent_by_fault(server, plan, ledger)
-    assert replace(outcome, failed={}) == Outcome({})
+    assert replace(outcome, failed={}) == RunOutcome({})
     assert set(outcome.failed) == set(plan.models)
     assert set(by_fault) == set(FAULTS)
     attempts = [one for calls in by_fault.values() for call in calls for one in call]
@@ -227,7 +227,7 @@ def test_a_model_that_cannot_answer_is_set_aside_at_once_and_the_others_go_on(
         assert {one.reply.error for one in attempts if one.reply} == {kind}
         assert ledger.finished() == set(plan.keys_of("openai:other"))
     with FaultServer() as mended:
-        assert ask(mended, plan, ledger) == Outcome({})
+        assert ask(mended, plan, ledger) == RunOutcome({})
         assert mended.requests == 48
     assert ledger.finished() == set(plan.keys())
 
@@ -270,7 +270,7 @@ def test_fewer_calls_are_under_way_after_a_429_and_more_again_later(bank: FrameB
 
     with FaultServer([three_at_once]) as server:  # type: ignore[list-item]
         outcome = ask(server, plan, ledger, concurrency=16, attempts=8)
-        assert outcome == Outcome({})
+        assert outcome == RunOutcome({})
         assert ledger.finished() == set(plan.keys())
         assert server.requests == 48 + now["refused"]
         assert 0 < now["refused"] < 30
@@ -287,7 +287,7 @@ def test_a_run_stops_at_so_many_calls_and_goes_on_with_more(bank: FrameBank, led
         assert server.requests == 10
         assert ask(server, plan, ledger, limits=Limits(calls=30)).stopped is not None
         assert server.requests == 30
-        assert ask(server, plan, ledger) == Outcome({})
+        assert ask(server, plan, ledger) == RunOutcome({})
     assert ledger.finished() == set(plan.keys())
 
 

@@ -17,7 +17,7 @@ from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.gate import REQUIREMENTS, Check, Gate, hold, read_requirements
 from eyechart.limits import Limits
-from eyechart.stats.paired import SignTest
+from eyechart.stats.paired_tests import SignTest
 from eyechart.studies import battery
 from eyechart.testing import assert_grounded
 from eyechart.verdicts import LABELS, LATERAL, judge
@@ -95,7 +95,7 @@ def test_the_exit_code_is_the_answer(
 def test_an_unfinished_run_cannot_say(demo: Demo, tmp_path: Path) -> None:
     """A grounded controller with half of its calls does not pass."""
     run = tmp_path / "run"
-    planned = battery.plan(demo.bank, ["scripted:depth"], run, extent=battery.Extent(48, (1, 2)))
+    planned = battery.plan(demo.bank, ["scripted:depth"], run, extent=battery.BatterySelection(48, (1, 2)))
     battery.run(planned)
     battery.merge([run], tmp_path / "merged")
     result = CliRunner().invoke(app, ["gate", str(tmp_path / "merged")])

@@ -20,7 +20,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import BankError, GuardianError, VoteError
 from eyechart.frames import encode, open_bank
 from eyechart.guardian import Guardian, interface_of
-from eyechart.guardian import asking as asking_module
+from eyechart.guardian import guardian as asking_module
 from eyechart.guardian.page import guardian_page
 from eyechart.limits import Limits
 from eyechart.models import ADAPTERS, Model
@@ -42,7 +42,7 @@ def table() -> study.VoteTable:
 
 
 @pytest.fixture(scope="module")
-def frozen(table: study.VoteTable) -> study.Frozen:
+def frozen(table: study.VoteTable) -> study.FrozenGuardian:
     """Return the guardian that the 16 calibration frames choose."""
     return study.fit(table.part("calibration"))
 
@@ -102,7 +102,7 @@ class Holds(Held):
         return voters.says(None)
 
 
-def guardian_of(frozen: study.Frozen, model: Model) -> Guardian:
+def guardian_of(frozen: study.FrozenGuardian, model: Model) -> Guardian:
     """Return a guardian whose every voter is this model, shown the drawn pictures."""
     about = replace(frozen.about, wording=SCENE, prompt=SCENE.key, axis="vertical", view="none")
     chosen = replace(frozen, about=about)
@@ -110,7 +110,7 @@ def guardian_of(frozen: study.Frozen, model: Model) -> Guardian:
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_a_model_that_exits_ends_neither_the_loop_nor_the_stack(frozen: study.Frozen, *, apart: bool) -> None:
+def test_a_model_that_exits_ends_neither_the_loop_nor_the_stack(frozen: study.FrozenGuardian, *, apart: bool) -> None:
     """Its votes are missing, or its task is lost; the next picture is answered too, and closing is no error."""
     guardian = guardian_of(frozen, Quits(apart=apart))
     with guardian:
@@ -122,7 +122,7 @@ def test_a_model_that_exits_ends_neither_the_loop_nor_the_stack(frozen: study.Fr
     assert not guardian._thread.is_alive()
 
 
-def test_an_interface_that_exits_is_abstained_from(frozen: study.Frozen) -> None:
+def test_an_interface_that_exits_is_abstained_from(frozen: study.FrozenGuardian) -> None:
     """What makes the views is as little trusted as a model."""
 
     def exits(picture: bytes) -> tuple[bytes, bytes]:
@@ -134,7 +134,9 @@ def test_an_interface_that_exits_is_abstained_from(frozen: study.Frozen) -> None
             assert "the picture could not be prepared: SystemExit" in guardian.assess(NEAR, deadline_s=10.0).why
 
 
-def test_a_loop_that_is_held_does_not_gather_pictures(frozen: study.Frozen, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loop_that_is_held_does_not_gather_pictures(
+    frozen: study.FrozenGuardian, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Beyond so many it is abstained at once; when the loop turns again there is room again."""
     monkeypatch.setattr(asking_module, "MOST_AT_ONCE", 3)
     model = Holds()
@@ -313,7 +315,7 @@ def test_a_mode_that_is_no_table_is_refused(table: study.VoteTable, tmp_path: Pa
     "changes", [{"threshold": 9}, {"threshold": 0}, {"committee": (GEMMA, GEMMA)}, {"committee": ()}]
 )
 def test_a_guardian_that_cannot_be_is_no_guardian(
-    frozen: study.Frozen, tmp_path: Path, changes: Mapping[str, object]
+    frozen: study.FrozenGuardian, tmp_path: Path, changes: Mapping[str, object]
 ) -> None:
     """Although its digest matches."""
     path = tmp_path / "guardian.json"

@@ -36,7 +36,7 @@ def votes(bank: FrameBank, tmp_path_factory: pytest.TempPathFactory) -> study.Vo
 
 
 @pytest.fixture(scope="module")
-def frozen(votes: study.VoteTable) -> study.Frozen:
+def frozen(votes: study.VoteTable) -> study.FrozenGuardian:
     """Return the guardian that the first frames choose."""
     return study.fit(votes.keep(votes.frames[:CHOSE]))
 
@@ -51,7 +51,7 @@ def rebuilt(bank: FrameBank, out: Path, name: Callable[[str], str] = str) -> Fra
 
 
 def test_the_same_frames_as_pictures_of_other_bytes_are_known_by_their_names(
-    bank: FrameBank, votes: study.VoteTable, frozen: study.Frozen, tmp_path: Path
+    bank: FrameBank, votes: study.VoteTable, frozen: study.FrozenGuardian, tmp_path: Path
 ) -> None:
     """A bank that was drawn or encoded anew has the fingerprint of its geometry, and the names of its frames."""
     again = rebuilt(bank, tmp_path / "again")
@@ -64,7 +64,7 @@ def test_the_same_frames_as_pictures_of_other_bytes_are_known_by_their_names(
 
 
 def test_the_same_episodes_in_another_bank_are_another_bank(
-    bank: FrameBank, votes: study.VoteTable, frozen: study.Frozen, tmp_path: Path
+    bank: FrameBank, votes: study.VoteTable, frozen: study.FrozenGuardian, tmp_path: Path
 ) -> None:
     """With other names of its frames it has another fingerprint; the name of its folder is nothing."""
     renamed = rebuilt(bank, tmp_path / "renamed", lambda name: f"new-{name}")
@@ -79,7 +79,7 @@ def test_the_same_episodes_in_another_bank_are_another_bank(
         study.score(frozen, kept)
 
 
-def test_one_picture_by_two_names_is_known_by_its_bytes(votes: study.VoteTable, frozen: study.Frozen) -> None:
+def test_one_picture_by_two_names_is_known_by_its_bytes(votes: study.VoteTable, frozen: study.FrozenGuardian) -> None:
     """A bank may hold a picture twice; the frame that stayed for the score then shows what was seen, and is named."""
     assert frozen.selection is not None
     assert votes.pictures is not None
@@ -95,7 +95,9 @@ def test_one_picture_by_two_names_is_known_by_its_bytes(votes: study.VoteTable, 
 
 
 @pytest.mark.parametrize("name", ["{}.png", "{}.JPG", "./{}.jpeg", "MERGE"])
-def test_a_name_in_another_spelling_is_the_same_name(frozen: study.Frozen, votes: study.VoteTable, name: str) -> None:
+def test_a_name_in_another_spelling_is_the_same_name(
+    frozen: study.FrozenGuardian, votes: study.VoteTable, name: str
+) -> None:
     """Of a table that names files: another ending after encoding anew, capitals, a path that begins with a dot."""
     rest = frozen.unseen(votes)
     assert frozen.selection is not None
@@ -107,7 +109,7 @@ def test_a_name_in_another_spelling_is_the_same_name(frozen: study.Frozen, votes
     assert frozen.unseen(table).frames == rest.frames[1:]
 
 
-def test_a_guardian_whose_memory_was_edited_is_refused(frozen: study.Frozen, tmp_path: Path) -> None:
+def test_a_guardian_whose_memory_was_edited_is_refused(frozen: study.FrozenGuardian, tmp_path: Path) -> None:
     """A picture that is taken out of it, or all of them; and what is read back still remembers them."""
     path = tmp_path / "guardian.json"
     study.write_frozen(path, frozen)

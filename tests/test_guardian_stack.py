@@ -20,7 +20,7 @@ from eyechart.models import ADAPTERS
 from eyechart.modes import RequestMode
 from eyechart.spaces.scene import SCENES
 from eyechart.studies import guardian as study
-from eyechart.studies.guardian.reading import _served_as
+from eyechart.studies.guardian.vote_sources import _served_as
 
 NEAR, FAR = encode(draw(8.0, 3)), encode(draw(38.0, 4))
 
@@ -197,7 +197,7 @@ def test_a_stack_that_is_not_as_the_guardian_was_chosen_is_refused_by_name(
     """Another version of a model, another view, another prompt, another mode, and a file that was edited."""
     frozen, path = study.fit(table), tmp_path / "guardian.json"
 
-    def refused(about: study.About, message: str) -> None:
+    def refused(about: study.VoteProvenance, message: str) -> None:
         study.write_frozen(path, replace(frozen, about=about))
         with pytest.raises((GuardianError, SpecError), match=message):
             Guardian.load(path)

@@ -6,9 +6,9 @@ import pytest
 from eyechart.calls import CallKey, Reply
 from eyechart.costs import ALL, Book
 from eyechart.integrity import Guard, GuardChecks
-from eyechart.ledger import Sent
+from eyechart.ledger import SentAttempt
 from eyechart.models.prices import read_prices
-from eyechart.modes import Measured, RequestMode
+from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.spaces.discrete import DRIVING
 
 KEY = CallKey("battery", "openai:m", "p", "f", "real")
@@ -32,12 +32,12 @@ def fine(at: int, condition: str) -> Reply:
     )
 
 
-def sent_with(say: Say = fine, frames: int = 10) -> list[Sent]:
+def sent_with(say: Say = fine, frames: int = 10) -> list[SentAttempt]:
     """Return one attempt at every call."""
-    return [Sent(key, 1, None, say(int(key.frame[1:]), key.condition)) for key in keys(frames)]
+    return [SentAttempt(key, 1, None, say(int(key.frame[1:]), key.condition)) for key in keys(frames)]
 
 
-def guards(sent: list[Sent], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
+def guards(sent: list[SentAttempt], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
     """Return every guard of these attempts."""
     checks, book = GuardChecks(mode, DRIVING), Book(mode, DRIVING, read_prices())
     for one in sent:
@@ -46,7 +46,7 @@ def guards(sent: list[Sent], planned: list[CallKey], mode: RequestMode) -> tuple
     return checks.guards(planned, "abcdef0123", book.accounts()[ALL].words)
 
 
-def guard(name: str, sent: list[Sent], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:
+def guard(name: str, sent: list[SentAttempt], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:
     """Return one guard of these attempts."""
     found = {one.name: one for one in guards(sent, keys() if planned is None else planned, mode)}
     assert list(found) == ["picture", "outcomes", "geometry", "degeneracy", "cache"]
@@ -63,7 +63,7 @@ def test_a_run_without_fault_keeps_every_guard() -> None:
 @pytest.mark.parametrize(("sees", "holds"), [(True, True), (False, False)])
 def test_a_probe_decides_whether_the_picture_arrives(sees: bool, holds: bool) -> None:  # noqa: FBT001 - parameters
     """Whatever the tokens say: a server may count a picture that its model never gets."""
-    mode = replace(MODE, measured=Measured(sees_image=sees))
+    mode = replace(MODE, measured=ModeMeasurements(sees_image=sees))
     assert guard("picture", sent_with(), mode).holds is holds
 
 
@@ -104,7 +104,7 @@ def test_one_decision_in_ever_other_words_is_degenerate() -> None:
 def test_every_planned_call_needs_exactly_one_outcome() -> None:
     """Open, failed for now, never made, and finished twice all fail; retries are counted in words."""
     whole = sent_with()
-    retried = [Sent(whole[0].key, 1, None, Reply(error="timeout")), whole[0]._replace(number=2), *whole[1:]]
+    retried = [SentAttempt(whole[0].key, 1, None, Reply(error="timeout")), whole[0]._replace(number=2), *whole[1:]]
     assert guard("outcomes", retried).holds is True
     assert "31 attempts, 1 of them repeated" in guard("outcomes", retried).because
     for wrong in (
@@ -175,7 +175,7 @@ def test_another_model_than_the_probe_saw_is_no_evidence_of_it() -> None:
         return lambda at, name: replace(fine(at, name), served=served, provider=provider, prompt_tokens=None)
 
     def found(say: Say, **facts: str) -> dict[str, Guard]:
-        mode = replace(MODE, measured=Measured(sees_image=True, facts=facts))
+        mode = replace(MODE, measured=ModeMeasurements(sees_image=True, facts=facts))
         return {one.name: one for one in guards(sent_with(say), keys(), mode)}
 
     same = found(named("m-2026 fp_2"), served="m-2026 fp_1", picture="14 of 14")
@@ -204,7 +204,7 @@ def test_an_end_that_is_not_known_is_said() -> None:
 @pytest.mark.parametrize("lost", [1, 4, 10])
 def test_pictures_that_were_dropped_in_the_run_fail_the_guard_whatever_the_probe_saw(lost: int) -> None:
     """The server counts pictures, as the probe found: a prompt with one that has the tokens of its words lost it."""
-    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=500))
+    mode = replace(MODE, measured=ModeMeasurements(sees_image=True, image_tokens=500))
 
     def say(at: int, condition: str) -> Reply:
         return replace(fine(at, condition), prompt_tokens=100) if at < lost else fine(at, condition)
@@ -217,8 +217,11 @@ def test_pictures_that_were_dropped_in_the_run_fail_the_guard_whatever_the_probe
 @pytest.mark.parametrize(("condition", "holds"), [("noise", False), ("lead_near", False), ("real_repeat", True)])
 def test_pictures_of_one_condition_that_were_dropped_fail_the_guard(condition: str, holds: bool) -> None:  # noqa: FBT001
     """As those of noise, which are large; a repeat may be counted without its picture, where a cache holds that."""
-    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=500))
-    more = [Sent(KEY._replace(frame=f"f{at}", condition=condition), 1, None, fine(at, "text_only")) for at in range(10)]
+    mode = replace(MODE, measured=ModeMeasurements(sees_image=True, image_tokens=500))
+    more = [
+        SentAttempt(KEY._replace(frame=f"f{at}", condition=condition), 1, None, fine(at, "text_only"))
+        for at in range(10)
+    ]
     sent = [one for one in sent_with() if one.key.condition != condition]
     found = guard("picture", [*sent, *more], mode)
     assert found.holds is holds
@@ -229,14 +232,14 @@ def test_pictures_of_one_condition_that_were_dropped_fail_the_guard(condition: s
 @pytest.mark.parametrize("counted", [None, 0, 3])
 def test_a_server_that_counts_no_pictures_drops_none_by_its_tokens(counted: int | None) -> None:
     """Its tokens say nothing: the probe saw that pictures arrive."""
-    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=counted))
+    mode = replace(MODE, measured=ModeMeasurements(sees_image=True, image_tokens=counted))
     same = sent_with(lambda at, _: replace(fine(at, ""), prompt_tokens=100))
     assert guard("picture", same, mode).holds is True
 
 
 def test_a_server_that_counts_only_what_no_cache_held_drops_nothing_by_its_tokens() -> None:
     """A picture that was asked before, and words that were, both count one token."""
-    mode = replace(MODE, measured=Measured(sees_image=True, image_tokens=500))
+    mode = replace(MODE, measured=ModeMeasurements(sees_image=True, image_tokens=500))
 
     def say(at: int, condition: str) -> Reply:
         known = at % 2 == 0 or condition == "real_repeat"
@@ -250,7 +253,7 @@ def test_a_server_that_counts_only_what_no_cache_held_drops_nothing_by_its_token
 )
 def test_repeats_that_differ_in_the_run_and_not_alone_fail_a_guard(unlike: int, alone: str, holds: bool) -> None:  # noqa: FBT001
     """At temperature 0: pictures of calls under way may be mixed up, which is no finding about the model."""
-    mode = replace(MODE, measured=Measured(sees_image=True, facts={"repeats alone": alone}))
+    mode = replace(MODE, measured=ModeMeasurements(sees_image=True, facts={"repeats alone": alone}))
 
     def say(at: int, condition: str) -> Reply:
         moved = at + 1 if condition == "real_repeat" and at < unlike else at

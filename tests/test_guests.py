@@ -183,7 +183,7 @@ def guard(run: Path, name: str) -> dict[str, bool | None]:
 def test_two_digests_of_one_frame_and_condition_fail_a_guard_of_both_models(bank: FrameBank, tmp_path: Path) -> None:
     """Whichever of the two was shown something else; a third, that was asked as one of them in all else, is named."""
     two = ["scripted:depth", "scripted:constant"]
-    battery.run(battery.plan(bank.root, two, tmp_path / "run", extent=battery.Extent(limit=4)))
+    battery.run(battery.plan(bank.root, two, tmp_path / "run", extent=battery.BatterySelection(limit=4)))
     assert guard(tmp_path / "run", "shown") == {}
     _change_digest(tmp_path / "run", "scripted:constant")
     assert guard(tmp_path / "run", "shown") == dict.fromkeys(two, False)
@@ -191,7 +191,7 @@ def test_two_digests_of_one_frame_and_condition_fail_a_guard_of_both_models(bank
 
 def test_two_digests_of_one_call_fail_a_guard(bank: FrameBank, tmp_path: Path) -> None:
     """Where a call was made again, and shown something else."""
-    battery.run(battery.plan(bank.root, ["scripted:depth"], tmp_path / "run", extent=battery.Extent(limit=4)))
+    battery.run(battery.plan(bank.root, ["scripted:depth"], tmp_path / "run", extent=battery.BatterySelection(limit=4)))
     with Ledger(tmp_path / "run" / LEDGER, create=True) as ledger:
         key, reply = next(iter(ledger.replies("scripted:depth")))
         ledger.close(ledger.begin(key, "0" * 64, again=True), reply)
@@ -233,7 +233,7 @@ def test_a_call_that_was_never_made_is_made_later(
 ) -> None:
     """No failure of it is kept, and no limit of calls counts it."""
     monkeypatch.setattr("eyechart.attempts.pause_s", lambda *_: 0.0)
-    mode, extent = RequestMode(hanging, timeout_s=1.0), battery.Extent(limit=6)
+    mode, extent = RequestMode(hanging, timeout_s=1.0), battery.BatterySelection(limit=6)
     planned = battery.plan(bank.root, [mode], tmp_path / "run", extent=extent)
     battery.run(planned, concurrency=LEFT_AT_MOST)
     assert planned.left() == planned.counts()[0]

@@ -31,7 +31,7 @@ WIDE: set[str] = set()
 
 OTHERS = {
     "cli/terminal.py: hasattr(os, 'sched_getaffinity')",
-    "frames/plain.py: getattr(found, 'n_frames', 1)",
+    "frames/plain_pictures.py: getattr(found, 'n_frames', 1)",
     "models/huggingface/checkpoint.py: getattr(processor, 'chat_template', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'image_processor', None)",
     "models/huggingface/checkpoint.py: getattr(processor, 'tokenizer', None)",

@@ -11,7 +11,7 @@ from eyechart.cli.app import app
 from eyechart.errors import SourceError, SpecError
 from eyechart.formats import FORMATS, Format, find_format, takers
 from eyechart.importing import Choices
-from eyechart.looking import Pictures
+from eyechart.looks import Pictures
 
 OPTIONS = ("table", "camera", "ahead", "convert")
 EXTRAS = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["optional-dependencies"]

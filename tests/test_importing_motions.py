@@ -22,12 +22,12 @@ from eyechart.errors import SourceError, SpecError
 from eyechart.frames import Frame, FrameBank, alone, check, decode, encode, open_bank
 from eyechart.importing import Choices, costs, import_table, read_rig
 from eyechart.importing.costs import taken
-from eyechart.importing.logged import Told, Walk, tell
-from eyechart.importing.notes import notes
+from eyechart.importing.log_warnings import notes
+from eyechart.importing.motion_log import LogDescription, MotionSegment, tell
 from eyechart.importing.repeats import repeats
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
-from eyechart.studies.policy.scoring import judge
+from eyechart.studies.policy.scores import judge
 
 EPISODES, LENGTH = 8, 9
 RIG = """
@@ -129,9 +129,9 @@ AHEAD = STATES + RNG.normal(scale=0.1, size=STATES.shape)
 CHANGES = np.diff(STATES, axis=0, append=STATES[-1:])
 
 
-def told(done: np.ndarray, states: np.ndarray, named: Sequence[int | None]) -> Told:
+def told(done: np.ndarray, states: np.ndarray, named: Sequence[int | None]) -> LogDescription:
     """Return what a log of one episode says."""
-    return tell([Walk(done, states)], named)
+    return tell([MotionSegment(done, states)], named)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +233,7 @@ def test_changes_have_evidence_of_their_own(name: str, way: str) -> None:
         start = np.array([0.3, 0, 0.4]) + 0.02 * rng.normal(size=3)
         hand = start + (goal - start) * ways[way][:, None] + 0.001 * rng.normal(size=(31, 3))
         states, done = convention(hand, rng)
-        walks.append(Walk(done, states))
+        walks.append(MotionSegment(done, states))
     assert tell(walks, (None,) * walks[0].done.shape[1]).kind == kind
 
 

@@ -26,16 +26,16 @@ from eyechart.overview import (
     read_index,
     runs_table,
 )
-from eyechart.studies import Finding, Reading, battery, prompts
+from eyechart.studies import ModelSummary, ReadOptions, battery, prompts
 from eyechart.studies.battery.study import BatteryStudy
 from eyechart.studies.policy.study import Policies
-from eyechart.verdicts.axes import Judged
-from eyechart.verdicts.channels import PolicyVerdict
 from eyechart.verdicts.labels import CAMERA, LABELS
+from eyechart.verdicts.policy_rules import AxisVerdict
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 from eyechart.verdicts.ruling import Ruling
 from report_runs import HOSTILE
 
-READING = Reading(independent=False, reread=False)
+READING = ReadOptions(independent=False, reread=False)
 NOISY, STEADY = stand_ins.SPECS
 
 
@@ -150,7 +150,9 @@ def test_runs_of_one_day_stand_in_the_order_of_their_first_calls(tmp_path: Path)
 
 def entry(model: str, label: str, tone: str, counted: tuple[str, str], run: str = "run") -> Entry:
     """Return what a run says of a model."""
-    return Entry(run, "batteries", f"2026-11-26T10:00:0{len(run)}", model, "bank", (), Finding(label, tone), counted)
+    return Entry(
+        run, "batteries", f"2026-11-26T10:00:0{len(run)}", model, "bank", (), ModelSummary(label, tone), counted
+    )
 
 
 def test_the_headline_counts_verdicts_of_one_kind_together_and_says_who_has_none() -> None:
@@ -179,7 +181,7 @@ def test_a_headline_denies_nothing_that_its_rows_say() -> None:
     assert said == "By the newest verdicts, look: 1 in part, of 1 model."
 
 
-def counted_as(found: Mapping[str, Finding]) -> dict[str, str]:
+def counted_as(found: Mapping[str, ModelSummary]) -> dict[str, str]:
     """Return by model what an index counts it under where it stands alone."""
     alone = {spec: Entry("run", "runs", "2026-11-26", spec, "bank", (), one) for spec, one in found.items()}
     said = {spec: re.search(r": 1 (.+), of 1", overview._counted([one])) for spec, one in alone.items()}
@@ -191,9 +193,9 @@ WORDS = {"Yes": "yes", "In part": "in part", "No": "no", "Inconclusive": "cannot
 
 def test_a_policy_is_counted_under_what_its_label_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every label of the cameras, whatever its colour: that a picture must be there is no looking."""
-    none = Judged("undecided", "Open.")
+    none = AxisVerdict("undecided", "Open.")
     verdicts = {
-        label: PolicyVerdict(label, Judged(label, "Why."), {}, none, none, {}, {}, "of these frames")
+        label: PolicyVerdict(label, AxisVerdict(label, "Why."), {}, none, none, {}, {}, "of these frames")
         for label in CAMERA
     }
     asked = SimpleNamespace(motions=SimpleNamespace(planned=1, finished=1), statistics={})

@@ -9,14 +9,14 @@ import pytest
 
 import eyechart.inspect
 from eyechart.errors import SourceError
-from eyechart.importing import Answered, Faults, open_log
+from eyechart.importing import Faults, ImportedAnswer, open_log
 from eyechart.inspect import battery
 
 FOLDER = Path(__file__).parent / "inspect_logs"
 JSON = FOLDER / "battery.json"
 
 
-def answers(path: Path) -> list[Answered]:
+def answers(path: Path) -> list[ImportedAnswer]:
     """Return the answers of a log, which has no fault."""
     faults = Faults()
     found = list(open_log(path).answers(faults))

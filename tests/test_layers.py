@@ -13,7 +13,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("__main__",),
     ("cli", "fixtures"),
     ("testing", "api", "bundle", "inspect", "paper"),
-    ("looking",),
+    ("looks",),
     ("serve",),
     ("calibrate", "compare", "transfer", "guardian", "overview", "corpus"),
     ("studies",),
@@ -22,7 +22,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("gate", "destination"),
     ("verdicts",),
     ("episodes",),
-    ("planned",),
+    ("planned_run",),
     ("run", "manifest", "costs", "integrity", "probe"),
     ("attempts",),
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
@@ -31,9 +31,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("channels",),
     ("frames",),
     ("spaces",),
-    ("stats", "cameras", "loops", "formats"),
+    ("stats", "cameras", "event_loops", "formats"),
     ("errors", "seeds", "records", "keys"),
-    ("patterns", "processes", "scratch"),
+    ("regexes", "processes", "scratch"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``, or the other distribution's package as a whole.
 
@@ -52,7 +52,7 @@ FLOORS = {
     "models": (
         "eyechart.models.faults",
         "eyechart.models.http",
-        "eyechart.models.streaming",
+        "eyechart.models.event_stream",
         "eyechart.models.energy",
         "eyechart.models.sources",
         "eyechart.models.python_callable",
@@ -71,9 +71,9 @@ FLOORS = {
         "eyechart.studies.closed_loop",
         "eyechart.studies.closed_loop.browser",
         "eyechart.studies.closed_loop.page",
-        "eyechart.studies.closed_loop.sight",
+        "eyechart.studies.closed_loop.visual_dependence",
         "eyechart.studies.closed_loop.tables",
-        "eyechart.studies.probed",
+        "eyechart.studies.probes",
     ),
 }
 """Inside a package whose modules are peers, only its floor is shared: for statistics, tables of counts and rates; for
@@ -93,7 +93,7 @@ ASSEMBLED = {
     "guardian",
     "importing",
     "ledger",
-    "looking",
+    "looks",
     "models.huggingface",
     "probe",
     "report",
@@ -276,7 +276,7 @@ def test_eyechart_goes_without_the_other_distribution() -> None:
         }
 
     assert wanting(tops) == set()
-    assert wanting(whole) == {"eyechart.models", "eyechart.calibrate.known"}
+    assert wanting(whole) == {"eyechart.models", "eyechart.calibrate.known_answers"}
 
 
 def test_no_module_imports_itself_through_others() -> None:
@@ -303,11 +303,11 @@ def test_no_module_imports_itself_through_others() -> None:
             "eyechart.ledger.ledger imports eyechart.prompts, its peer",
         ),
         (
-            "stats/paired.py",
-            "from eyechart.stats.flips import sign_flip_test",
-            "imports eyechart.stats.flips, its peer",
+            "stats/paired_tests.py",
+            "from eyechart.stats.sign_flip import sign_flip_test",
+            "imports eyechart.stats.sign_flip, its peer",
         ),
-        ("stats/paired.py", "    from eyechart import cli", "eyechart.stats.paired imports eyechart.cli"),
+        ("stats/paired_tests.py", "    from eyechart import cli", "eyechart.stats.paired_tests imports eyechart.cli"),
         ("run.py", "from . import frames", "eyechart.run has a relative import"),
         ("perception/estimators.py", "from eyechart.models.scripted import see", "which stands above it"),
         ("perception/renderer.py", "from eyechart.simulators import SIMULATORS", "which stands above it"),
@@ -322,8 +322,16 @@ def test_no_module_imports_itself_through_others() -> None:
             "from eyechart import gate",
             "eyechart.verdicts.paper imports eyechart.gate, which stands above",
         ),
-        ("stats/__init__.py", "from eyechart.stats import paired", "eyechart.stats imports eyechart.stats.paired"),
-        ("stats/paired.py", "import eyechart.stats", "eyechart.stats.paired imports eyechart.stats, its peer"),
+        (
+            "stats/__init__.py",
+            "from eyechart.stats import paired_tests",
+            "eyechart.stats imports eyechart.stats.paired_tests",
+        ),
+        (
+            "stats/paired_tests.py",
+            "import eyechart.stats",
+            "eyechart.stats.paired_tests imports eyechart.stats, its peer",
+        ),
         ("__init__.py", "from eyechart.cli import app", "eyechart imports eyechart.cli"),
         (
             "frames/nouns.py",

@@ -22,7 +22,7 @@ from eyechart.calls import CallKey, Reply
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError, MissingCallsWarning
 from eyechart.ledger import Ledger, accept_loss
-from eyechart.ledger.counter import NOTHING, Count, Written, read_counter
+from eyechart.ledger.counter import NOTHING, LedgerCount, WrittenCounts, read_counter
 from eyechart.studies import battery
 
 MODEL = "standin:steady"
@@ -101,7 +101,7 @@ def test_a_lost_log_is_missed_and_a_run_goes_on_only_once_that_is_accepted(path:
     assert accept_loss(path) == (4, 3)
     assert accept_loss(path) == NOTHING
     fill(path, 10)
-    assert read_counter(path) == Count(Written(3, 3), Written(4, 3))
+    assert read_counter(path) == LedgerCount(WrittenCounts(3, 3), WrittenCounts(4, 3))
 
 
 def test_an_older_copy_in_place_of_a_ledger_is_missed(path: Path, tmp_path: Path) -> None:
@@ -153,7 +153,7 @@ def test_what_is_merged_or_copied_has_lost_nothing(path: Path, tmp_path: Path) -
                 ledger.copy_to(tmp_path / f"{one.name}.copy")
     assert read_counter(tmp_path / "merged").expected == (4, 4)
     copy = tmp_path / "ledger.sqlite.copy"
-    assert read_counter(copy) == Count()
+    assert read_counter(copy) == LedgerCount()
     fill(copy, 9)
     assert read_counter(copy).expected == (4, 4)
     for one in (tmp_path / "merged", copy):
@@ -219,7 +219,7 @@ from pathlib import Path
     ledger.begin(key(2), "digest") if attempt is None else ledger.close(attempt, DONE)
 """
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == -signal.SIGKILL
-    held = Written(3, 2 + (which == "close"))
+    held = WrittenCounts(3, 2 + (which == "close"))
     with Ledger(path) as ledger:
         assert (ledger.missing, ledger.held()) == (NOTHING, held)
     assert read_counter(path).expected != held

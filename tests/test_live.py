@@ -18,7 +18,7 @@ import banks
 import stand_ins
 from eyechart.costs import Account
 from eyechart.models.prices import read_prices
-from eyechart.serve.live import NOTHING_FOLLOWS, Answer, Asked, Live, watched
+from eyechart.serve.live import NOTHING_FOLLOWS, LiveAnswer, LiveModel, LiveRun, watched
 from report_runs import HOSTILE, hostile, make_run
 
 SLOW = """
@@ -73,7 +73,7 @@ def test_what_is_shown_is_as_it_was_said_and_nothing_is_written(tmp_path: Path) 
     bank = banks.build_bank(tmp_path / "bank")
     run = make_run(bank.root, tmp_path / "run", {"hostile": hostile, "noisy": stand_ins.noisy})
     before = {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()}
-    live, told = Live(run, read_prices()), list[str]()
+    live, told = LiveRun(run, read_prices()), list[str]()
     live.move(3, 10)
     with watched(live, told.append):
         html = _get(told[0])
@@ -89,17 +89,17 @@ def test_what_is_shown_is_as_it_was_said_and_nothing_is_written(tmp_path: Path) 
 
 def test_files_are_read_so_seldom_that_it_costs_little(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever looks in between gets what was read last; a folder that is no run yet is said to be none."""
-    live, reads = Live(tmp_path / "none", read_prices()), list[float]()
+    live, reads = LiveRun(tmp_path / "none", read_prices()), list[float]()
     assert b"No call is written yet." in live.html()
 
-    def busy() -> tuple[Asked, ...]:
+    def busy() -> tuple[LiveModel, ...]:
         reads.append(time.thread_time())
         while time.thread_time() - reads[-1] < 0.02:
             pass
         return made
 
-    live = Live(tmp_path, read_prices())
-    made = (Asked("m", Account(*([0] * 18)), {}, (Answer("f", "real", "SLOW", "SLOW"),), ()),)  # type: ignore[arg-type]
+    live = LiveRun(tmp_path, read_prices())
+    made = (LiveModel("m", Account(*([0] * 18)), {}, (LiveAnswer("f", "real", "SLOW", "SLOW"),), ()),)  # type: ignore[arg-type]
     monkeypatch.setattr(live, "_read", busy)
     for name in ("_EVERY_S", "_UNTIL_FIRST_S"):
         monkeypatch.setattr(f"eyechart.serve.live.{name}", 0.0)
@@ -113,7 +113,7 @@ def test_files_are_read_so_seldom_that_it_costs_little(tmp_path: Path, monkeypat
 
 def test_files_that_did_not_change_are_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Somebody who looks while a slow model thinks costs a look at the files' times; an answer is read again."""
-    live, reads = Live(tmp_path, read_prices()), list[int]()
+    live, reads = LiveRun(tmp_path, read_prices()), list[int]()
     monkeypatch.setattr(live, "_read", lambda: reads.append(1) or ())
     monkeypatch.setattr("eyechart.serve.live._UNTIL_FIRST_S", 0.0)
     for _ in range(20):
@@ -126,15 +126,15 @@ def test_files_that_did_not_change_are_not_read_again(tmp_path: Path, monkeypatc
 
 def test_reads_that_found_no_answer_yet_delay_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first answer of a slow server is shown as soon as it is there, however much was read before."""
-    live, ledger = Live(tmp_path, read_prices()), tmp_path / "ledger.sqlite"
-    account, answer = Account(*([0] * 18)), Answer("f", "real", "SLOW", "SLOW")  # type: ignore[arg-type]
-    said: list[Answer] = []
+    live, ledger = LiveRun(tmp_path, read_prices()), tmp_path / "ledger.sqlite"
+    account, answer = Account(*([0] * 18)), LiveAnswer("f", "real", "SLOW", "SLOW")  # type: ignore[arg-type]
+    said: list[LiveAnswer] = []
 
-    def slow() -> tuple[Asked, ...]:
+    def slow() -> tuple[LiveModel, ...]:
         begun = time.thread_time()
         while time.thread_time() - begun < 0.05:
             pass
-        return (Asked("m", account, {}, tuple(said), ()),)
+        return (LiveModel("m", account, {}, tuple(said), ()),)
 
     monkeypatch.setattr(live, "_read", slow)
     monkeypatch.setattr("eyechart.serve.live._UNTIL_FIRST_S", 0.0)
@@ -151,8 +151,8 @@ import resource, sys, threading, time
 from pathlib import Path
 resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[2]), int(sys.argv[2])))
 from eyechart.models.prices import read_prices
-from eyechart.serve.live import Live, watched
-with watched(Live(Path(sys.argv[1]), read_prices()), lambda url: print(url, flush=True)):
+from eyechart.serve.live import LiveRun, watched
+with watched(LiveRun(Path(sys.argv[1]), read_prices()), lambda url: print(url, flush=True)):
     opened = 0
     for line in sys.stdin:  # a run opens a few files at a time, again and again
         for _ in range(50):
@@ -218,7 +218,7 @@ def test_idle_connections_and_large_heads_are_closed_and_print_nothing(
     monkeypatch.setattr("eyechart.serve.live._IDLE_S", 0.2)
     monkeypatch.setattr("eyechart.serve.live._REAP_S", 0.1)
     told = list[str]()
-    with watched(Live(tmp_path, read_prices()), told.append), ExitStack() as opened:
+    with watched(LiveRun(tmp_path, read_prices()), told.append), ExitStack() as opened:
         address = ("127.0.0.1", urlsplit(told[0]).port)
         idle = [opened.enter_context(socket.create_connection(address, timeout=5)) for _ in range(4)]
         time.sleep(0.05)
@@ -234,7 +234,10 @@ def test_idle_connections_and_large_heads_are_closed_and_print_nothing(
 def test_whoever_does_not_know_the_address_sees_nothing(tmp_path: Path) -> None:
     """The port alone is no address: another user of the machine can guess that, and not the token."""
     told, again = list[str](), list[str]()
-    with watched(Live(tmp_path, read_prices()), told.append), watched(Live(tmp_path, read_prices()), again.append):
+    with (
+        watched(LiveRun(tmp_path, read_prices()), told.append),
+        watched(LiveRun(tmp_path, read_prices()), again.append),
+    ):
         root, token = re.fullmatch(r"(http://127\.0\.0\.1:\d+/)([\w-]{20,})/", told[0]).groups()  # type: ignore[union-attr]
         for path in ("", "over", f"{token[:-1]}/", f"{again[0].split('/')[-2]}/", f"{token}x/over"):
             with pytest.raises(urllib.error.HTTPError, match="404"):
@@ -255,7 +258,7 @@ def test_a_page_that_cannot_be_served_ends_no_run(
 
     monkeypatch.setattr(broken, fails)
     why, over = list[str](), False
-    with watched(Live(tmp_path, read_prices()), lambda _: None, why.append):
+    with watched(LiveRun(tmp_path, read_prices()), lambda _: None, why.append):
         over = True
     assert over
     assert "too many open files" in why[0]

@@ -21,7 +21,7 @@ from banks import build_bank
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
-from eyechart.looking import Look, Pictured, Pictures, Wanted
+from eyechart.looks import Look, LookRequest, PictureResult, Pictures
 from eyechart.manifest import LEDGER, read_manifest
 from eyechart.modes import RequestMode, read_mode
 from eyechart.simulators import open_bank_simulator
@@ -221,7 +221,7 @@ def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_pict
 )
 def test_an_interval_of_a_change_has_its_lower_end_first(ci: tuple[float, float] | None, words: str) -> None:
     """Also where both ends are more than all of a motion."""
-    assert Pictured("x", change=4.2, ci=ci).words == f"changes 100% of its motion{words}"
+    assert PictureResult("x", change=4.2, ci=ci).words == f"changes 100% of its motion{words}"
 
 
 def test_what_is_typed_wrongly_is_answered_with_what_a_look_takes(here: Path) -> None:
@@ -378,7 +378,7 @@ def test_a_command_that_goes_on_repeats_all_that_was_given(tmp_path: Path) -> No
     """From Python and from the command line alike; a function of a notebook has no command, and gets Python."""
     photos = Pictures(photos=tmp_path, table=tmp_path / "t.csv", columns={"gap": "range m"}, threshold=18.0, unit="m")
     mode = RequestMode("openai:m", base_url="http://127.0.0.1:1/v1")
-    wanted = Wanted(mode, photos, tmp_path / "out", prompt="minimal", seed=4, budget=90)
+    wanted = LookRequest(mode, photos, tmp_path / "out", prompt="minimal", seed=4, budget=90)
     common = f"--photos {tmp_path} --table {tmp_path}/t.csv --threshold 18.0 --unit m --map 'gap=range m'"
     asked = f"{common} --base-url http://127.0.0.1:1/v1 --prompt minimal --seed 4 --budget 90 --out {tmp_path}/out"
     assert wanted.command() == f"eyechart look openai:m {asked}"
@@ -386,7 +386,7 @@ def test_a_command_that_goes_on_repeats_all_that_was_given(tmp_path: Path) -> No
     by_file = replace(wanted, file=Path("mode.toml"), by_file=True)
     assert "--mode mode.toml" in by_file.command()
     assert "--base-url" not in by_file.command()
-    own = Wanted(RequestMode("python:__main__:decide"), Pictures(frames=tmp_path), tmp_path / "out", seed=4)
+    own = LookRequest(RequestMode("python:__main__:decide"), Pictures(frames=tmp_path), tmp_path / "out", seed=4)
     again = own.command(prompt="FILE.toml", out=tmp_path / "two")
     expected = f"eyechart.look(decide, bank='{tmp_path}', seed=4, prompt='FILE.toml', out='{tmp_path}/two')"
     assert again == expected

@@ -7,8 +7,8 @@ import pytest
 
 from eyechart.attempts import to_the_end
 from eyechart.errors import SpecError
-from eyechart.limits import Outcome
-from eyechart.loops import in_own_loop, running
+from eyechart.event_loops import in_own_loop, running
+from eyechart.limits import RunOutcome
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
 
@@ -26,7 +26,7 @@ def test_a_run_of_policies_works_inside_of_a_loop(tmp_path: Path) -> None:
     def planned(name: str) -> policy.PolicyRun:
         return policy.plan(bank.root, ["trained:sees"], tmp_path / name, conditions=asked)
 
-    async def cell() -> Outcome:
+    async def cell() -> RunOutcome:
         return policy.run(planned("inside"), progress=lambda *move: moves.append(move))
 
     assert asyncio.run(cell()).set_aside == {}

@@ -9,7 +9,7 @@ import banks
 from eyechart.errors import BankError, LedgerError
 from eyechart.frames import FrameBank
 from eyechart.manifest import RunManifest, is_free, is_run, read_run, today, versions, write_run
-from eyechart.modes import Measured, RequestMode
+from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.prompts import PROMPTS
 
 
@@ -61,7 +61,7 @@ def test_a_run_keeps_each_models_mode_and_facts(manifest: RunManifest, bank: Fra
     (tmp_path / "run").mkdir()
     write_run(tmp_path / "run", asked, bank)
     assert read_run(tmp_path / "run")[0] == asked
-    probed = replace(asked, modes={"a": RequestMode("a", max_tokens=9, measured=Measured(calls=4))})
+    probed = replace(asked, modes={"a": RequestMode("a", max_tokens=9, measured=ModeMeasurements(calls=4))})
     assert asked.extended(probed).mode("a") == probed.mode("a")
     assert probed.extended(asked).mode("a") == probed.mode("a")
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from eyechart.errors import SpecError
 from eyechart.keys import names_a_key
-from eyechart.modes import Measured, RequestMode, each_without_secrets, mode_text, read_mode, write_mode
+from eyechart.modes import ModeMeasurements, RequestMode, each_without_secrets, mode_text, read_mode, write_mode
 
 LINES = st.text(st.characters(categories=["L", "N", "P", "S"]), max_size=20).map(lambda text: text.replace("$", "+"))
 NAMES = (
@@ -25,7 +25,7 @@ COUNTS = st.none() | st.integers(0, 10**6)
 SECONDS = st.none() | st.floats(0, 1e6)
 FLAGS = st.none() | st.booleans()
 MEASURED = st.builds(
-    Measured,
+    ModeMeasurements,
     date=LINES,
     calls=COUNTS,
     sees_image=FLAGS,
@@ -168,7 +168,7 @@ def test_headers_name_variables_and_are_filled_in_only_to_be_sent() -> None:
 def test_what_was_measured_does_not_make_another_request() -> None:
     """A later probe of the same mode resumes a run; another budget does not."""
     mode = RequestMode("openai:m", max_tokens=50)
-    assert mode.same_request(RequestMode("openai:m", max_tokens=50, measured=Measured(calls=3)))
+    assert mode.same_request(RequestMode("openai:m", max_tokens=50, measured=ModeMeasurements(calls=3)))
     assert not mode.same_request(RequestMode("openai:m", max_tokens=51))
 
 

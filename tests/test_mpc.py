@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.errors import StateError
-from eyechart.mpc import STEP_S, Bicycle, Detour, Mpc, Plan, Road, State, Target
+from eyechart.mpc import STEP_S, Bicycle, Detour, DrivableWidth, Mpc, MpcPlan, State, Target
 
-CAR, ROAD = Bicycle(), Road()
+CAR, ROAD = Bicycle(), DrivableWidth()
 STILL = State(0.0, 0.0, 0.0, 0.0)
 
 
@@ -115,7 +115,7 @@ def test_a_solver_that_fails_brakes_and_says_so(monkeypatch: pytest.MonkeyPatch)
 def test_a_solver_that_returns_no_numbers_brakes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its flag says that it solved the problem, which is not believed."""
     monkeypatch.setattr("eyechart.mpc.solve", lambda *_, **__: (np.full(32, np.nan), 0.0, 1, {}))
-    plan: Plan = Mpc(CAR, ROAD).plan(STILL, Target(4.5, 0.0))
+    plan: MpcPlan = Mpc(CAR, ROAD).plan(STILL, Target(4.5, 0.0))
     assert (plan.solved, plan.accel_mps2) == (False, -CAR.brake_mps2)
 
 

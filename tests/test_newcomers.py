@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eyechart.calibrate.world import SETTINGS, make_world
-from eyechart.models.scripted import Reading, Sight
+from eyechart.models.scripted import PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
 from newcomers import (
     ADVERSARIES_BY_KIND,
@@ -74,7 +74,7 @@ def test_a_blind_spot_is_a_place_that_the_truth_names(name: str, truths: Truths)
     assert "no" in (truths[name, 1]["says"], *places.values())
 
 
-def readings() -> list[Reading]:
+def readings() -> list[PictureReading]:
     """Return the frames of a simulated bank."""
     shown = make_world(SETTINGS["frames_288"], np.random.default_rng(12)).shown["real"]
     return [one.sight.reading for one in shown if one and one.sight.reading]
@@ -88,7 +88,9 @@ def test_a_newcomer_answers_with_actions_and_bears_a_name_of_its_own() -> None:
     for ones in NEWCOMERS.values():
         for one in ones.values():
             decide = one.open().decide
-            said = {decide(Sight("road", road, b"1"), rng) for road in roads} | {decide(Sight("unknown", None), rng)}
+            said = {decide(PerceivedPicture("road", road, b"1"), rng) for road in roads} | {
+                decide(PerceivedPicture("unknown", None), rng)
+            }
             assert said <= set(DRIVING.actions)
 
 

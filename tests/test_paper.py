@@ -151,7 +151,7 @@ def test_runs_of_other_sizes_say_theirs_in_a_row(tmp_path: Path) -> None:
     """A number of twelve frames does not stand beside one of two as if they were alike."""
     for limit in (2, 3):
         planned = battery.plan(
-            MADE / "highway", ["scripted:depth"], tmp_path / f"of{limit}", extent=battery.Extent(limit)
+            MADE / "highway", ["scripted:depth"], tmp_path / f"of{limit}", extent=battery.BatterySelection(limit)
         )
         battery.run(planned)
     (table,) = (one for one in artefacts([tmp_path / "of2", tmp_path / "of3"]).tables if one.label == "t:frontier")

@@ -6,12 +6,12 @@ from random import Random
 
 import pytest
 
-from eyechart.stats.shares import Followed, Share
+from eyechart.stats.shares import FollowedShare, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.axes import of_camera
-from eyechart.verdicts.channels import AXES, judge_policy
 from eyechart.verdicts.labels import CAMERA, USES
-from eyechart.verdicts.uses import Asked
+from eyechart.verdicts.policy_rules import of_camera
+from eyechart.verdicts.policy_verdict import AXES, judge_policy
+from eyechart.verdicts.share_predicates import MissingConditions
 from policies_by_hand import FOLLOWED, NOT_ONE_BIT, OPEN, USED, share, verdict
 from policy_evidences import CHANNELS, asked_of, evidence
 from test_policy_rules import made
@@ -58,7 +58,7 @@ def weaker(one: Statistic, left: float) -> Statistic:
         return found
     carried = {name: size * left for name, size in (found.carried or {}).items() if size * left >= 0.1}
     found = replace(found, scatter=less(found.scatter), carried=carried or None)
-    if isinstance(found, Followed) and found.parts:
+    if isinstance(found, FollowedShare) and found.parts:
         parts = {
             name: {**part, "value": part["value"] * left, "at_most": part["at_most"] * left}
             for name, part in found.parts.items()
@@ -68,7 +68,7 @@ def weaker(one: Statistic, left: float) -> Statistic:
 
 
 def on_the_way_down(
-    statistics: Mapping[str, Statistic], effects: Sequence[str], axis: str, asked: Asked
+    statistics: Mapping[str, Statistic], effects: Sequence[str], axis: str, asked: MissingConditions
 ) -> Iterator[str]:
     """Yield the labels on an axis as some effects grow weaker, all else being as it is."""
     for left in FACTORS:

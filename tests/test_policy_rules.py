@@ -12,14 +12,14 @@ from random import Random
 import pytest
 
 from evidences import digests
-from eyechart.stats.guarantees import share_bound
-from eyechart.stats.shares import Followed, Misfit, Share
+from eyechart.stats.risk_bounds import share_bound
+from eyechart.stats.shares import FollowedShare, LogDistance, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.axes import INSTRUCTION, STATE, camera_axis
-from eyechart.verdicts.channels import GUARDING, UNGUARDED, reaching
 from eyechart.verdicts.labels import USES
+from eyechart.verdicts.policy_rules import INSTRUCTION, STATE, camera_axis
+from eyechart.verdicts.policy_verdict import GUARDING, UNGUARDED, reaching
 from eyechart.verdicts.rules import Axis, Clause, Reading
-from eyechart.verdicts.uses import Known, as_read
+from eyechart.verdicts.share_predicates import ShareStatistics, as_read
 from policy_evidences import RECORDED, SINGLES, Numbers, is_read_otherwise, said_of, verdict_of, words_of
 
 OLD: dict[str, list[str]] = json.loads((Path(__file__).parent / "old_rulings_policies.json").read_text("utf-8"))
@@ -106,10 +106,10 @@ def test_every_clause_holds_on_one_side_of_its_threshold(clause: Clause) -> None
             assert reading.of(at) is (reading.holds in {"<=", ">="})
             assert reading.of(above) is (reading.holds in {">", ">="})
             assert (~reading).of(at) is not reading.of(at)
-    assert clause.holds(Known({})) in {True, False, None}
+    assert clause.holds(ShareStatistics({})) in {True, False, None}
 
 
-class _Silent(Followed):
+class _Silent(FollowedShare):
     """A statistic of every kind, without any number."""
 
     offset = spread = None
@@ -134,13 +134,13 @@ def test_an_axis_says_something_of_whatever_there_is(axis: Axis) -> None:
     """Of nothing at all too: the last rule needs nothing."""
     assert axis.rules[-1].needs == axis.rules[-1].broken == ()
     assert all(rule.says for rule in axis.rules)
-    nothing = Known({"misfit": Misfit(None, 0), "motions": Share(1.0, 9)}, has_state=True)
+    nothing = ShareStatistics({"misfit": LogDistance(None, 0), "motions": Share(1.0, 9)}, has_state=True)
     assert axis.evaluate(nothing).label in {"undecided", "no_power", "holds"}
 
 
 def test_a_statistic_of_another_kind_is_read_as_the_one_that_a_rule_reads() -> None:
     """With what both have; one of the kind, or of a narrower one, stays as it is."""
-    bound, followed = share_bound(0, 44, confidence=0.99), Followed(0.6, 72, heading=0.9)
+    bound, followed = share_bound(0, 44, confidence=0.99), FollowedShare(0.6, 72, heading=0.9)
     assert not isinstance(bound, Share)
     read = as_read("responds@cameras", bound)
     assert (read.value, read.n, read.ci, read.episodes) == (bound.value, bound.n, bound.ci, None)

@@ -9,11 +9,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 import eyechart.studies
-from eyechart.records import Plain, Written, plain
+from eyechart.records import JsonRecord, KeyedRecord, plain
 
 
 @dataclass(frozen=True, slots=True)
-class Inner(Plain):
+class Inner(JsonRecord):
     """A record of two fields."""
 
     pair: tuple[int, int]
@@ -29,7 +29,7 @@ class Own:
 
 
 @dataclass(frozen=True, slots=True)
-class Outer(Plain):
+class Outer(JsonRecord):
     """A record of records."""
 
     inner: Inner
@@ -49,7 +49,7 @@ def test_numbers_of_numpy_become_numbers_of_python() -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Named(Written):
+class Named(KeyedRecord):
     """A record that says what of it is written, and how that is called."""
 
     written = "first=inner.pair *inner other.share twice"
@@ -82,7 +82,7 @@ def test_what_records_say_is_written_of_them_is_there() -> None:
     """The first word of every path is a member of its record."""
     for found in pkgutil.walk_packages(eyechart.studies.__path__, "eyechart.studies."):
         importlib.import_module(found.name)
-    found = {kind.__name__: kind for kind in kinds(Written)}
+    found = {kind.__name__: kind for kind in kinds(KeyedRecord)}
     assert {"BatteryScore", "Degeneracy", "StructuredScore"} <= found.keys()
     for kind in found.values():
         members = {*dir(kind), *(one.name for one in fields(kind))}

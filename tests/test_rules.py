@@ -12,12 +12,12 @@ from evidences import RECORDED, digests, distance, lateral, paper, ruled
 from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.association import Association
 from eyechart.stats.evalues import EValue
-from eyechart.stats.paired import SignTest
+from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies.battery.stopping import Course, Layout, layout_of
+from eyechart.studies.battery.early_stop import QuestionOrder, StoppingState, layout_of
 from eyechart.verdicts import calibrated_rules, lateral_rules, paper_rules
-from eyechart.verdicts.calibrated import DISTANCE, LATERAL_AXIS
-from eyechart.verdicts.early import EARLY, EARLY_LATERAL
+from eyechart.verdicts.battery_rules import DISTANCE, LATERAL_AXIS
+from eyechart.verdicts.early_verdicts import EARLY, EARLY_LATERAL
 from eyechart.verdicts.paper import PAPER
 from eyechart.verdicts.rules import Axis, Clause, Reading, Rule, compared, missing, p_below, p_from
 
@@ -68,14 +68,14 @@ SHOWN = (
 
 
 @cache
-def laid_out(shown: tuple[str, ...]) -> Layout:
+def laid_out(shown: tuple[str, ...]) -> QuestionOrder:
     """Return the layout of a run under these conditions."""
     return layout_of(FRAMES, {frame.id: shown for frame in FRAMES}, DRIVING, 0)
 
 
 def of_early(rng: Random) -> str:
     """Return what a run that stops early makes of the next claims, each of which is settled or not."""
-    course = Course(laid_out(rng.choice(SHOWN)))
+    course = StoppingState(laid_out(rng.choice(SHOWN)))
     often = rng.choice((0.5, 0.9, 0.97, 1.0))
     for claim in course.claims.values():
         claim.settled = rng.random() < often

@@ -17,10 +17,10 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import GuardianError
 from eyechart.frames import encode
 from eyechart.guardian import Guardian, interface_of
-from eyechart.serve.described import openapi
-from eyechart.serve.life import serve
+from eyechart.serve.api_document import openapi
+from eyechart.serve.lifecycle import serve
 from eyechart.serve.limits import ServerLimits
-from eyechart.studies.guardian import Frozen, write_frozen
+from eyechart.studies.guardian import FrozenGuardian, write_frozen
 from stand_ins import Held
 from voters import gap_of, says
 
@@ -61,7 +61,7 @@ class Seer(Held):
 
 def guardian_of(seer: Seer | None = None, deadline_s: float = 20.0) -> Guardian:
     """Return a guardian of two seers."""
-    frozen: Frozen = BENCH.frozen(("http://127.0.0.1:1/v1",) * 2)
+    frozen: FrozenGuardian = BENCH.frozen(("http://127.0.0.1:1/v1",) * 2)
     models = dict.fromkeys(frozen.committee, seer or Seer(held=False))
     return Guardian(frozen, models, interface_of(frozen), deadline_s=deadline_s)
 
@@ -341,7 +341,7 @@ def test_a_picture_of_too_many_pixels_is_refused_before_it_is_decoded(monkeypatc
 def test_each_model_is_asked_once_before_the_server_says_that_it_is_started() -> None:
     """One that fails or is late is a warning; health tells since when each has not voted."""
     seer, told = Seer(held=False), list[str]()
-    frozen: Frozen = BENCH.frozen(("http://127.0.0.1:1/v1",) * 2)
+    frozen: FrozenGuardian = BENCH.frozen(("http://127.0.0.1:1/v1",) * 2)
     models = {"openai:first": seer, "openai:second": Seer(held=True)}
     guardian = Guardian(frozen, models, interface_of(frozen), deadline_s=1.0)
     before: list[bool] = []

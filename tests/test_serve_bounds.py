@@ -13,9 +13,9 @@ import pytest
 from multidict import CIMultiDict, CIMultiDictProxy
 
 from eyechart.errors import GuardianError
-from eyechart.serve.life import serve
+from eyechart.serve.host_names import HostNames, require_name
+from eyechart.serve.lifecycle import serve
 from eyechart.serve.limits import ServerLimits
-from eyechart.serve.names import Names, require_name
 from test_serve import FAR, NEAR, PNG, Seer, guardian_of, post, served
 
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
@@ -123,9 +123,9 @@ def test_a_name_that_no_host_header_could_have_is_refused(name: str) -> None:
 def test_names_in_any_writing_are_the_same() -> None:
     """Case, brackets and a dot at the end."""
     assert [require_name(name) for name in ("Cam.Example.", "[::1]", "10.0.0.1")] == ["cam.example", "::1", "10.0.0.1"]
-    names = Names.of(("cam.example",), ["127.0.0.1", "::1"])
+    names = HostNames.of(("cam.example",), ["127.0.0.1", "::1"])
     assert names.loopback
-    assert not Names.of((), ["127.0.0.1", "10.0.0.1"]).loopback
+    assert not HostNames.of((), ["127.0.0.1", "10.0.0.1"]).loopback
     assert names.refuses(CIMultiDictProxy(CIMultiDict({"Host": "CAM.example.:80"}))) is None
 
 

@@ -18,7 +18,7 @@ from eyechart import models, simulators
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.cli.app import app
 from eyechart.integrity import ServedChecks, ServedGuard
-from eyechart.ledger import Sent
+from eyechart.ledger import SentAttempt
 from eyechart.models import scripted
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery
@@ -51,7 +51,7 @@ def guard_of(*replies: Reply) -> ServedGuard | None:
     """Return the guard of these replies, a minute apart."""
     checks = ServedChecks()
     for at, reply in enumerate(replies):
-        checks.add(Sent(KEY._replace(frame=f"f{at}"), 1, None, reply, "", final=True, sent_at=f"T00:{at:02d}"))
+        checks.add(SentAttempt(KEY._replace(frame=f"f{at}"), 1, None, reply, "", final=True, sent_at=f"T00:{at:02d}"))
     found = checks.guards()
     return found[0] if found else None
 

@@ -8,8 +8,8 @@ import pytest
 
 import test_rules
 from evidences import digests
-from eyechart.studies.closed_loop.blind import DRIVES
-from eyechart.studies.hierarchy.scoring import COMPLETES
+from eyechart.studies.closed_loop.blind_baseline import DRIVES
+from eyechart.studies.hierarchy.scores import COMPLETES
 from eyechart.studies.prompts import CELLS
 from eyechart.verdicts.admission import ADMITS
 from eyechart.verdicts.labels import ADMITTED, PLANNERS, PROMPTED, SIGHT, Label

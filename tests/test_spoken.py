@@ -205,7 +205,9 @@ def test_the_run_records_the_wording_and_its_hash(bank: FrameBank, ask: Ask, tmp
     """It is read back as it was, does not depend on the file, and an edited wording is noticed."""
     path = ask(SAID)
     battery.run(
-        battery.plan(bank.root, ["standin:steady"], tmp_path / "run", prompt=str(path), extent=battery.Extent(2))
+        battery.plan(
+            bank.root, ["standin:steady"], tmp_path / "run", prompt=str(path), extent=battery.BatterySelection(2)
+        )
     )
     path.unlink()
     manifest, _ = read_run(tmp_path / "run")

@@ -17,15 +17,15 @@ from eyechart import cli
 from eyechart.calls import Query
 from eyechart.episodes.records import read_episodes
 from eyechart.errors import BankError, EyechartError, LedgerError
+from eyechart.event_loops import in_own_loop
 from eyechart.frames import Stimulus, open_bank
 from eyechart.ledger import Ledger
-from eyechart.loops import in_own_loop
 from eyechart.manifest import read_manifest
 from eyechart.models import ask
 from eyechart.models.python_callable import PythonCallable
 from eyechart.modes import RequestMode
 from eyechart.overview import read_index
-from eyechart.studies import Reading, study_of
+from eyechart.studies import ReadOptions, study_of
 
 
 @pytest.mark.parametrize(
@@ -147,5 +147,5 @@ def test_a_run_that_cannot_be_read_is_not_taken_for_one_of_another_study(
     monkeypatch.setattr(Path, "read_text", broken)
     with pytest.raises(LedgerError, match=r"run\.json cannot be read: Input/output error"):
         study_of(tmp_path / "run")
-    (entry,) = read_index(tmp_path, Reading(), print)
+    (entry,) = read_index(tmp_path, ReadOptions(), print)
     assert "cannot be read: Input/output error" in repr(entry)

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from eyechart.calibrate.world import LANE_M, NO_PICTURE, NOISE, SETTINGS, UNIFORM, make_world
 from eyechart.frames import open_bank
-from eyechart.models.scripted import Reading, Sight
+from eyechart.models.scripted import PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary, ahead, hashed
 from newcomers import NEWCOMERS
 from strangers import (
@@ -41,10 +41,10 @@ pytestmark = pytest.mark.slow
 KEPT = math.nan
 """Stands for the vehicles beside that a frame has."""
 
-Where = Callable[[Reading], bool]
+Where = Callable[[PictureReading], bool]
 
 
-def anywhere(_: Reading) -> bool:
+def anywhere(_: PictureReading) -> bool:
     """Return that a case is of every road."""
     return True
 
@@ -65,11 +65,11 @@ class Case:
     moved: float = 0.0
     colour: str = "green"
 
-    def show(self, reading: Reading, gap_m: float, moved: float = 0.0) -> Reading:
+    def show(self, reading: PictureReading, gap_m: float, moved: float = 0.0) -> PictureReading:
         """Return a frame's reading with the lead at a distance."""
         others = [one for one in reading.others if one.aside_m]
         if self.beside_m is None or not math.isnan(self.beside_m):
-            others = [] if self.beside_m is None else [Other(math.sqrt(self.beside_m**2 - LANE_M**2), -LANE_M)]
+            others = [] if self.beside_m is None else [OtherVehicle(math.sqrt(self.beside_m**2 - LANE_M**2), -LANE_M)]
         left, right = (
             not any(-CLEAR_BEHIND_M <= one.ahead_m <= CLEAR_AHEAD_M for one in others if one.aside_m * side > 0)
             for side in (-1, 1)
@@ -77,12 +77,12 @@ class Case:
         return replace(  # type: ignore[type-var]
             reading,
             scene=replace(reading.scene, gap_m=gap_m, left_clear=left, right_clear=right),
-            others=tuple(sorted((*others, Other(gap_m, 0.0)))),
+            others=tuple(sorted((*others, OtherVehicle(gap_m, 0.0)))),
             stripe_phase=((reading.stripe_phase or 0.0) + moved) % 1.0,
             ego_colour=self.colour,
         )
 
-    def roads(self) -> Iterator[tuple[list[Sight], Sight]]:
+    def roads(self) -> Iterator[tuple[list[PerceivedPicture], PerceivedPicture]]:
         """Yield what is shown before, and what is asked about."""
         for reading in readings():
             shown = self.show(reading, self.gap_m, self.moved)
@@ -91,18 +91,18 @@ class Case:
 
 
 @cache
-def readings() -> tuple[Reading, ...]:
+def readings() -> tuple[PictureReading, ...]:
     """Return the frames of one simulated bank."""
     shown = make_world(SETTINGS["frames_288"], np.random.default_rng(11)).shown["real"]
     return tuple(one.sight.reading for one in shown if one and one.sight.reading)
 
 
-def sight(reading: Reading) -> Sight:
+def sight(reading: PictureReading) -> PerceivedPicture:
     """Return the sight of a road, whose file is what is seen of it."""
-    return Sight("road", reading, repr(reading).encode())
+    return PerceivedPicture("road", reading, repr(reading).encode())
 
 
-def level(one: Adversary, shown: Sight, rng: random.Random) -> float:
+def level(one: Adversary, shown: PerceivedPicture, rng: random.Random) -> float:
     """Return how hard an answer brakes."""
     return DRIVING.project(str(one.decide(shown, rng)), "brake") or 0.0
 
@@ -121,12 +121,12 @@ def braking(name: str, case: Case, *, temperature: int = 1, draws: int = 3) -> f
     return float(np.mean(levels))
 
 
-def is_open(one: Reading) -> bool:
+def is_open(one: PictureReading) -> bool:
     """Return whether both sides are clear."""
     return one.scene.left_clear and one.scene.right_clear
 
 
-def is_boxed(one: Reading) -> bool:
+def is_boxed(one: PictureReading) -> bool:
     """Return whether no side is clear."""
     return not (one.scene.left_clear or one.scene.right_clear)
 

@@ -5,10 +5,10 @@ import pytest
 from by_hand import HIGH, JUST_BELOW, LOW, SILENT, Found, blind, coin, least, nothing_known, older, p, reader, share
 from eyechart.stats.agreement import SwapRate
 from eyechart.stats.association import Association
-from eyechart.stats.paired import Discordant
+from eyechart.stats.paired_tests import DiscordantPairs
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import LATERAL, calibrated_rules, lateral_rules, paper_rules
-from eyechart.verdicts.calibrated import earns_lateral, grade
+from eyechart.verdicts.battery_rules import earns_lateral, grade
 
 
 def most(bound: float) -> Statistic:
@@ -159,7 +159,7 @@ def test_an_absence_needs_each_of_its_bounds_at_its_level(claim: str, name: str)
     shown, bounds = CLAIMS[claim]
     level = bounds[name]
     assert label(blind(**shown, **{name: p(level - 1e-7)})) == claim
-    loose = Discordant(0.05, 144, (-0.02, 0.12), level, b=10, c=3)
+    loose = DiscordantPairs(0.05, 144, (-0.02, 0.12), level, b=10, c=3)
     found, _ = calibrated_rules(blind(**shown, **{name: loose}), turns=False)
     assert (found.label, found.decided_by) == ("undecided", name)
 
@@ -188,7 +188,7 @@ def test_pictures_that_get_another_answer_twice_undo_every_absence() -> None:
 
 def test_an_effect_that_is_shown_asks_for_no_more_frames() -> None:
     """From an interval above 0 on; below, the frames that would bound it are named."""
-    shown, open_one = (Discordant(0.05, 144, (low, 0.12), HIGH, b=10, c=3) for low in (1e-7, 0.0))
+    shown, open_one = (DiscordantPairs(0.05, 144, (low, 0.12), HIGH, b=10, c=3) for low in (1e-7, 0.0))
     assert "frames would" not in calibrated_rules(blind(bound_noise=shown), turns=False)[0].because
     assert "frames would" in calibrated_rules(blind(bound_noise=open_one), turns=False)[0].because
 

@@ -8,11 +8,11 @@ import pytest
 import simulated
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
-from eyechart.stats.paired import Discordant
+from eyechart.stats.paired_tests import DiscordantPairs
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts import (
     ALPHA,
     LABELS,
@@ -279,7 +279,7 @@ def test_presence_needs_every_bound_on_content() -> None:
     """One effect of content that is not bounded leaves the verdict open, and is named."""
     assert calibrated_rules(held(), turns=False)[0].label == "presence_only"
     for name in ("bound_content_shuffled", "bound_content_recoloured", "bound_scene"):
-        loose = Discordant(0.05, 144, (-0.02, 0.12), 0.03, b=10, c=3)
+        loose = DiscordantPairs(0.05, 144, (-0.02, 0.12), 0.03, b=10, c=3)
         ruling = calibrated_rules(held(**{name: loose}), turns=False)[0]
         assert (ruling.label, ruling.decided_by) == ("undecided", name)
 

@@ -12,13 +12,13 @@ from eyechart.frames import Frame
 from eyechart.gate import hold
 from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import SwapRate
-from eyechart.stats.paired import BoxedTurns, Discordant, pairs_to_bound
+from eyechart.stats.paired_tests import BoxedTurns, DiscordantPairs, pairs_to_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts import LABELS, Evidence, Verdict, judge_one
-from eyechart.verdicts.calibrated import frames_to_bound, turns_to_tell
+from eyechart.verdicts.battery_rules import frames_to_bound, turns_to_tell
 from eyechart.verdicts.why_not import ANY, NOTHING
 
 HOW = Resampling(resamples=999, seed=1, intervals=False)
@@ -170,9 +170,9 @@ def test_no_fewer_frames_are_named_than_there_are(share: float) -> None:
     assert frames_to_bound(replace(one, ci=(0.0, 0.09)), 0.05) is not None
     assert frames_to_bound(replace(one, ci=None), 0.05) is None
     assert frames_to_bound(replace(one, value=None), 0.05) is None
-    differs = Discordant(0.0, 20, (-0.2, 0.2), 0.9, b=2, c=2)
+    differs = DiscordantPairs(0.0, 20, (-0.2, 0.2), 0.9, b=2, c=2)
     assert frames_to_bound(differs, 0.05) == (pairs_to_bound(0.2, margin=0.1, alpha=0.05), "if there is none")
-    one_pair = Discordant(0.0, 1, (-1.0, 1.0), 0.9, b=1, c=0)
+    one_pair = DiscordantPairs(0.0, 1, (-1.0, 1.0), 0.9, b=1, c=0)
     assert frames_to_bound(one_pair, 0.05)[0] == pairs_to_bound(0.9, margin=0.1, alpha=0.05)
     assert frames_to_bound(replace(differs, b=10, c=10), 0.01)[0] == pairs_to_bound(0.9, margin=0.1, alpha=0.01)
 

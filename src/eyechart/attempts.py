@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from eyechart.calls import BLOCKED, TRANSIENT, UNFINISHED, CallKey, Query, Reply
+from eyechart.event_loops import asyncio, require_no_loop
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Pace, asks_too_much, pause_s
-from eyechart.loops import asyncio, require_no_loop
 from eyechart.models import Model, ask
 
 _CLOSING_S = 10.0
@@ -31,7 +31,7 @@ def budget_of(limits: Limits | None, models: Sequence[str], ledger: Ledger) -> B
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class CallOutcome:
     """A call's last reply, and whether it finishes the call; if not, a resumed run repeats it."""
 
     reply: Reply
@@ -66,7 +66,7 @@ class Caller:
         answered = (spec for spec in ledger.models() if any(one.error is None for _, one in ledger.replies(spec)))
         self._heard = set(answered)
 
-    async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:
+    async def call(self, key: CallKey, query: Query, model: Model, pace: Pace) -> CallOutcome | None:
         """Make a call; return its result, or None where a limit prevents it.
 
         A transient error is retried with backoff. If the last reply is still such an error, the
@@ -77,7 +77,7 @@ class Caller:
             self._budget.ended(key.model, made.reply, self._lacks(made.reply))
         return made
 
-    async def _attempt(self, key: CallKey, query: Query, model: Model, pace: Pace) -> Made | None:
+    async def _attempt(self, key: CallKey, query: Query, model: Model, pace: Pace) -> CallOutcome | None:
         digest, made = query.sha256(), None
         for number in range(1, self._attempts + 1):
             entered = await pace.enter()
@@ -88,7 +88,7 @@ class Caller:
             reply = self._settled(key.model, await ask(model, replace(query)), last=number == self._attempts)
             silence = self._is_silence(key.model, reply, last=number == self._attempts)
             await self._writer.close(attempt, reply, silence=silence)
-            made = Made(reply, silence or reply.error not in UNFINISHED)
+            made = CallOutcome(reply, silence or reply.error not in UNFINISHED)
             pace.leave(entered, reply)
             self._budget.came(key.model, reply)
             if silence or reply.error not in TRANSIENT or key.model in self._budget.set_aside:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Source, Stimulus
-from eyechart.patterns import pattern
+from eyechart.regexes import pattern
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
 from eyechart.stats.outliers import outlying, recurs
@@ -126,7 +126,7 @@ def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
 def partner_place(frame: Frame, source: Source, base: str, channel: str) -> int:
     """Return the place of a frame's partner among the frames, `NOBODY` if there is none."""
     images = source.manifest.images if isinstance(source, FrameBank) else None
-    return int(partners(source.frames, *whose(base, channel), images)[_places(_Same(source.frames))[frame.id]])
+    return int(partners(source.frames, *whose(base, channel), images)[_places(_FrameKeys(source.frames))[frame.id]])
 
 
 def told(fields: Mapping[str, object]) -> tuple[object, ...]:
@@ -152,7 +152,7 @@ def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[st
     to differ. A single camera has the partners of all cameras, unless one of those has the same
     picture there.
     """
-    return _partners(_Same(frames, images), how, channel)
+    return _partners(_FrameKeys(frames, images), how, channel)
 
 
 def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) -> tuple[str, list[str]]:
@@ -191,13 +191,13 @@ def far_off(bank: FrameBank) -> Mapping[str, tuple[str, ...]]:
     its dimension.
     """
     space = bank.manifest.motion
-    return {} if space is None else _far(_Same(bank.frames), space)[0]
+    return {} if space is None else _far(_FrameKeys(bank.frames), space)[0]
 
 
 def rare(bank: FrameBank) -> frozenset[str]:
     """Return the dimensions of motion with a few far numbers, which are faults or rare moves."""
     space = bank.manifest.motion
-    return frozenset() if space is None else _far(_Same(bank.frames), space)[1]
+    return frozenset() if space is None else _far(_FrameKeys(bank.frames), space)[1]
 
 
 def relative_log(frames: Sequence[Frame], space: MotionSpace) -> npt.NDArray[np.float64]:
@@ -222,7 +222,7 @@ def whose(base: str, channel: str) -> tuple[str, str]:
     return (base if base in BY_STATE else "swapped"), CAMERAS if base in {"kept", ALONE} else channel
 
 
-class _Same:
+class _FrameKeys:
     """Frames as a cache key by the identity of their tuple, with the digests of their pictures."""
 
     def __init__(self, frames: Sequence[Frame], images: Mapping[str, str] | None = None) -> None:
@@ -232,7 +232,7 @@ class _Same:
         return id(self.frames)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.frames is self.frames and other.images is self.images
+        return isinstance(other, _FrameKeys) and other.frames is self.frames and other.images is self.images
 
     def seen(self, channel: str) -> Sequence[object]:
         """Return a key of each frame's pictures of a channel, equal for identical bytes."""
@@ -245,7 +245,7 @@ class _Same:
 
 
 @lru_cache(maxsize=16)
-def _far(same: _Same, space: MotionSpace) -> tuple[Mapping[str, tuple[str, ...]], frozenset[str]]:
+def _far(same: _FrameKeys, space: MotionSpace) -> tuple[Mapping[str, tuple[str, ...]], frozenset[str]]:
     """Return the faulty dimensions of each frame, and the dimensions with any far number."""
     frames, names = [frame for frame in same.frames if frame.motion], [one.name for one in space.dimensions]
     if not frames:
@@ -263,7 +263,7 @@ def _far(same: _Same, space: MotionSpace) -> tuple[Mapping[str, tuple[str, ...]]
 
 
 @lru_cache(maxsize=128)
-def _partners(same: _Same, how: str, channel: str) -> Places:
+def _partners(same: _FrameKeys, how: str, channel: str) -> Places:
     frames, seen = same.frames, same.seen(channel)
     if channel.startswith(CAMERA):
         shared = _partners(same, how, CAMERAS)
@@ -284,5 +284,5 @@ def _partners(same: _Same, how: str, channel: str) -> Places:
 
 
 @lru_cache(maxsize=16)
-def _places(same: _Same) -> Mapping[str, int]:
+def _places(same: _FrameKeys) -> Mapping[str, int]:
     return {frame.id: place for place, frame in enumerate(same.frames)}

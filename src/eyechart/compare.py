@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from eyechart.errors import SpecError
 from eyechart.frames import same_moments
 from eyechart.integrity import unfinished
-from eyechart.records import Written
+from eyechart.records import KeyedRecord
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Table, columns, statistic_cells
-from eyechart.stats.resampling import holm
+from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import BatteryScore, ModelScore, differences
-from eyechart.studies.battery.replication import Difference
+from eyechart.studies.battery.replication import StatisticDifference
 from eyechart.verdicts import judge
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ ALPHA = 0.05
 
 
 @dataclass(frozen=True)
-class Replication(Written):
+class Replication(KeyedRecord):
     """One model in two runs: its labels, the differences of statistics, and their Holm-corrected p.
 
     ``labels`` maps ``verdict``, ``lateral`` and ``paper`` to the first and the second run's label.
@@ -55,7 +55,7 @@ class Replication(Written):
 
 
 @dataclass(frozen=True)
-class Comparison(Written):
+class Comparison(KeyedRecord):
     """All models of both runs; ``apart`` says in words how the runs differ or are unfinished.
 
     ``marks`` are the failed guards of either run: its numbers are not reliable.
@@ -204,7 +204,7 @@ def replication_table(one: Replication, *, every: bool = False) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for name, found in one.differences.items():
         if every or name in MAIN or name in one.changed:
-            sides = (found.first, found.second) if isinstance(found, Difference) else (None, None)
+            sides = (found.first, found.second) if isinstance(found, StatisticDifference) else (None, None)
             signed = found.value is not None and name not in {"across_runs", "answer_shift"}
             value = f"{found.value:+.3f}" if signed else found.value
             note = {"across_runs": "share of equal answers", "answer_shift": "distance"}.get(name, found.note)

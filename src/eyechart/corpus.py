@@ -10,13 +10,13 @@ from eyechart.episodes import read_episodes
 from eyechart.manifest import read_run
 from eyechart.models.prices import Prices
 from eyechart.report.table import Cell, Column, Table, columns
-from eyechart.studies import Took, is_episodes, names_of, run_json, study_of
+from eyechart.studies import RunCosts, is_episodes, names_of, run_json, study_of
 
 SUM = "sum"
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
+class CorpusRun:
     """One run of a folder: its study, its distinct episodes, and counts of calls.
 
     ``scored`` calls have a reply, with or without a decision. ``counts`` has ``unparsed`` ones
@@ -57,7 +57,7 @@ def corpus_table(runs: Sequence[Path], prices: Prices) -> Table:
     return Table("corpus", "Queries and episodes by study and arm", named, tuple(rows), note)
 
 
-def _arm(name: str, run: Path, took: Took) -> Arm:
+def _arm(name: str, run: Path, took: RunCosts) -> CorpusRun:
     """Return the counts of one run."""
     counts = Counter[str]()
     for account in (each[ALL] for each in took.accounts.values()):
@@ -68,7 +68,7 @@ def _arm(name: str, run: Path, took: Took) -> Arm:
         counts["open"] += account.calls - account.finished
     counts["probe"] = sum(one.calls for one in took.probes.values())
     study = "drives" if is_episodes(run) else str(run_json(run).get("study") or "")
-    return Arm(name, study, _episodes(run, frozenset(took.accounts)), counts)
+    return CorpusRun(name, study, _episodes(run, frozenset(took.accounts)), counts)
 
 
 def _episodes(run: Path, models: frozenset[str]) -> frozenset[tuple[str, ...]]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
-from eyechart.ledger import AGAIN, UNKNOWN, Ledger, Sent
+from eyechart.ledger import AGAIN, UNKNOWN, Ledger, SentAttempt
 from eyechart.models.prices import Prices
-from eyechart.modes import Measured, RequestMode
-from eyechart.records import Plain
+from eyechart.modes import ModeMeasurements, RequestMode
+from eyechart.records import JsonRecord
 from eyechart.spaces.motion import require_motions
 from eyechart.spaces.space import MISSING, AnySpace, Missing
 
@@ -25,7 +25,7 @@ _OTHERS = "(other replies)"
 
 
 @dataclass(frozen=True, slots=True)
-class Account(Plain):
+class Account(JsonRecord):
     """The account of one model's calls under one condition, or under all.
 
     ``calls`` began, and ``finished`` of them ended. ``attempts`` are requests: ``retries`` counts
@@ -82,9 +82,9 @@ class Book:
 
     def __init__(self, mode: RequestMode, space: AnySpace, prices: Prices) -> None:
         self._mode, self._space, self._prices = mode, space, prices
-        self._pages: defaultdict[str, _Page] = defaultdict(_Page)
+        self._pages: defaultdict[str, _ConditionSums] = defaultdict(_ConditionSums)
 
-    def add(self, one: Sent) -> None:
+    def add(self, one: SentAttempt) -> None:
         """Add an attempt."""
         page = self._pages[one.key.condition]
         page.counts["calls"] += one.number == 1
@@ -109,14 +109,14 @@ class Book:
     def accounts(self) -> dict[str, Account]:
         """Return the account of all attempts, and one for each condition."""
         pages = dict(sorted(self._pages.items()))
-        whole = _Page()
+        whole = _ConditionSums()
         for page in pages.values():
             whole.join(page)
         return {name: page.account() for name, page in {ALL: whole, **pages}.items()}
 
 
 @dataclass(slots=True)
-class _Page:
+class _ConditionSums:
     """The running sums of one condition.
 
     ``pending`` are calls that their last reply left unfinished. ``ended`` are calls that an error
@@ -163,7 +163,7 @@ class _Page:
         if reply.error is not None:
             self.ended[key] = missing
 
-    def join(self, other: "_Page") -> None:
+    def join(self, other: "_ConditionSums") -> None:
         """Add another page to this one."""
         for name in ("counts", "retries", "errors", "missing", "cost_from"):
             getattr(self, name).update(getattr(other, name))
@@ -199,7 +199,7 @@ class _Page:
 
 
 @dataclass(frozen=True, slots=True)
-class Unread(Plain):
+class UnreadReply(JsonRecord):
     """A reply without a decision: its count, the reason, and its first characters, made printable.
 
     For policies ``text`` is the fault of the array, and errors are listed too, by their text.
@@ -211,7 +211,7 @@ class Unread(Plain):
     text: str
 
 
-def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
+def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[UnreadReply, ...]:
     """Return a model's distinct replies without an error or a decision, most frequent first.
 
     The last reply of a call counts, as in its Account. Beyond a thousand distinct ones, the rest is
@@ -234,7 +234,7 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[Unread, ...]:
             del found[seen]
             found[seen[0], None, _OTHERS] += count
     listed = sorted(found.items(), key=lambda one: (-one[1], one[0][2], one[0][0]))
-    return tuple(Unread(count, *seen) for seen, count in listed)
+    return tuple(UnreadReply(count, *seen) for seen, count in listed)
 
 
 def emptiness(ledger: Ledger) -> dict[str, Emptiness]:
@@ -251,7 +251,7 @@ def _percentile(values: "array[float]", percent: float) -> float | None:
 
 
 @dataclass(frozen=True, slots=True)
-class CostEstimate(Plain):
+class CostEstimate(JsonRecord):
     """The expected totals of calls still to make; None where nothing was measured.
 
     Failures and retries are not included. ``sampled``: the number of calls is itself an estimate
@@ -293,7 +293,7 @@ def estimate(
 
     ``sampled``: there may be more or fewer calls. ``at_most``: there may be fewer.
     """
-    found, price = mode.measured or Measured(), prices.of(mode)
+    found, price = mode.measured or ModeMeasurements(), prices.of(mode)
     each_in, each_out = found.prompt_tokens, found.completion_tokens
     cost, source = None, "no price known"
     if price is not None:
@@ -323,7 +323,7 @@ def assumed(mode: RequestMode) -> tuple[RequestMode, str]:
     """Return a mode with the measured or else assumed tokens of a call, and which of the two."""
     if mode.measured is not None:
         return mode, "as measured"
-    guessed = Measured(prompt_tokens=ASSUMED_IN, completion_tokens=float(ASSUMED_OUT))
+    guessed = ModeMeasurements(prompt_tokens=ASSUMED_IN, completion_tokens=float(ASSUMED_OUT))
     return replace(mode, measured=guessed), f"if a call takes {ASSUMED_IN} tokens in and {ASSUMED_OUT} out"
 
 

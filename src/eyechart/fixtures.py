@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from eyechart.api import look
-from eyechart.looking import Look
+from eyechart.looks import Look
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from eyechart.errors import SpecError, meant
 from eyechart.integrity import Guard, ServedGuard, unfinished
 from eyechart.modes import made_elsewhere
 from eyechart.stats.agreement import clopper_pearson
-from eyechart.stats.paired import SignTest
+from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import (
     ALPHA,
@@ -17,16 +17,16 @@ from eyechart.verdicts import (
     MARGIN,
     Evidence,
     Label,
-    Scored,
+    ScoredRun,
     Verdict,
     judge_one,
 )
 from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
-from eyechart.verdicts.channels import AXES, PolicyVerdict
-from eyechart.verdicts.channels import REQUIREMENTS as OF_POLICIES
 from eyechart.verdicts.depth import is_refuted
 from eyechart.verdicts.labels import LOOKS, meets
+from eyechart.verdicts.policy_verdict import AXES, PolicyVerdict
+from eyechart.verdicts.policy_verdict import REQUIREMENTS as OF_POLICIES
 from eyechart.verdicts.ruling import Ruling
 from eyechart.verdicts.why_not import NOTHING
 
@@ -181,7 +181,7 @@ def _require_battery(terms: Terms) -> None:
         raise SpecError("--order is for a battery's comparisons of distances, and this run is no battery: leave it out")
 
 
-def hold_admission(score: Scored, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
+def hold_admission(score: ScoredRun, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
     """Check every model of a run of scene estimates against clauses of admission.
 
     There is a check per clause; ``admission`` means all of them. An unfinished run or one with
@@ -200,7 +200,7 @@ def hold_admission(score: Scored, require: Sequence[str] = ("admission",), **ter
 
 
 def _gate(
-    score: Scored,
+    score: ScoredRun,
     checks: Callable[[Evidence, str], Iterator[Check]],
     unparsed: Callable[[Evidence, float, str], Check],
     terms: Terms,
@@ -244,7 +244,7 @@ ONLINE: dict[str, str] = {
 """The possible requirements of an online run: the same clauses over the frames met, and these."""
 
 
-class Met(Scored, Protocol):
+class ScoredOnlineRun(ScoredRun, Protocol):
     """A scored online run."""
 
     def left(self, spec: str) -> tuple[int, int]:
@@ -254,7 +254,7 @@ class Met(Scored, Protocol):
         """Return whether every frame that a model saw passes (None: unknown), and why."""
 
 
-def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
+def hold_online(score: ScoredOnlineRun, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
     """Check every estimator of an online run against clauses over the frames that it met.
 
     ``admission`` means all of them and ``frames``. A clause that would hold cannot say if frames
@@ -279,7 +279,7 @@ def hold_online(score: Met, require: Sequence[str] = ("admission",), **terms: Un
     return Gate(tuple(checks))
 
 
-def hold(score: Scored, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
+def hold(score: ScoredRun, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
     """Check every model of a scored battery against requirements and a rate of unparsed calls.
 
     A run without calls, an unfinished run, and a model with failed calls cannot say. Nor can a

@@ -13,10 +13,10 @@ from dataclasses import asdict, dataclass, field
 
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
-from eyechart.ledger import AGAIN, Sent
+from eyechart.ledger import AGAIN, SentAttempt
 from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, made_elsewhere
 from eyechart.spaces.space import AnySpace, ending
-from eyechart.stats.guessing import fewer_p
+from eyechart.stats.forced_choice import fewer_p
 
 FEWEST = 8
 """The fewest pairs for a suspicion."""
@@ -59,7 +59,7 @@ def unfinished(over: int, whole: int, what: str = "calls", *, part: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Served:
+class ServedModel:
     """What answered, by its replies: names, count, and the times of the first and last call."""
 
     model: str | None
@@ -84,7 +84,7 @@ class ServedGuard(Guard):
     ``differs`` names what differs: model, provider, system_fingerprint.
     """
 
-    answered: tuple[Served, ...] = ()
+    answered: tuple[ServedModel, ...] = ()
     differs: tuple[str, ...] = ()
 
     @property
@@ -104,7 +104,7 @@ class ServedChecks:
         self._found: dict[tuple[str | None, str | None, str | None], tuple[int, str, str]] = {}
         self._unnamed = 0
 
-    def add(self, one: Sent) -> None:
+    def add(self, one: SentAttempt) -> None:
         """Add an attempt; replies without names are counted."""
         if one.reply is None or one.reply.error is not None:
             return
@@ -136,7 +136,7 @@ class ServedChecks:
 
     def guards(self) -> tuple[ServedGuard, ...]:
         """Return the guard, or none if no reply has a name."""
-        answered = tuple(Served(*named, *counted) for named, counted in self._found.items())
+        answered = tuple(ServedModel(*named, *counted) for named, counted in self._found.items())
         if not answered:
             return ()
         several = {name: {getattr(one, name) for one in answered} - {None} for name in _DIFFERS}
@@ -156,7 +156,7 @@ class ServedChecks:
         return (ServedGuard("served", False, "; ".join(parts), answered, differs),)
 
 
-class ShownChecks:
+class RequestChecks:
     """Compares the requests of all attempts at the same call, by any model of a run.
 
     Every model must be shown the same for one frame, condition and prompt. It reads a whole run.
@@ -166,7 +166,7 @@ class ShownChecks:
         self._first: dict[tuple[str, ...], tuple[str, str]] = {}
         self._unlike: dict[str, dict[tuple[str, ...], None]] = {}
 
-    def add(self, one: Sent) -> None:
+    def add(self, one: SentAttempt) -> None:
         """Add an attempt; a row without a digest is skipped."""
         if not one.request_sha256:
             return
@@ -224,7 +224,7 @@ class GuardChecks:
         self._served = ServedChecks(mode)
         self._tokens: dict[str, dict[str, int]] = defaultdict(dict)
 
-    def add(self, one: Sent) -> None:
+    def add(self, one: SentAttempt) -> None:
         """Add an attempt."""
         self._outcomes.add(one)
         self._served.add(one)
@@ -388,7 +388,7 @@ class _Outcomes:
     again: set[int] = field(default_factory=set)
     twice: int = 0
 
-    def add(self, one: Sent) -> None:
+    def add(self, one: SentAttempt) -> None:
         """Add an attempt; a retried call has one outcome, its last."""
         call = hash(one.key)
         if one.reason == AGAIN:

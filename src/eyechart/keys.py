@@ -9,7 +9,7 @@ from functools import lru_cache
 from itertools import pairwise
 from math import gcd
 
-from eyechart.patterns import pattern
+from eyechart.regexes import pattern
 
 SHORTEST = 8
 """The least length of a key: a shorter value may occur in any text by chance ("EMPTY", "x")."""

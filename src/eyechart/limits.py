@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from eyechart.calls import HOPELESS, TRANSIENT, UNASKED, Reply
 from eyechart.errors import counted
-from eyechart.loops import asyncio
-from eyechart.records import Amount, Count, Plain
+from eyechart.event_loops import asyncio
+from eyechart.records import Amount, Count, JsonRecord
 
 LONGEST_WAIT_S = 120.0
 """The longest Retry-After that a run obeys; a model with a longer one is set aside."""
@@ -19,7 +19,7 @@ _PERHAPS_ONE = frozenset({400, 403, 404, 413, 422})
 
 
 @dataclass(frozen=True, slots=True)
-class Spent(Plain):
+class Usage(JsonRecord):
     """The totals of calls: their count, reported tokens in and out, dollars, and seconds.
 
     Tokens are None where no reply reports any. ``cost_usd`` is the sum of known costs; ``unknown``
@@ -33,9 +33,9 @@ class Spent(Plain):
     unknown: Count = 0
     seconds: Amount = 0.0
 
-    def plus(self, reply: Reply, cost: float | None) -> "Spent":
+    def plus(self, reply: Reply, cost: float | None) -> "Usage":
         """Return the totals with one more call."""
-        return Spent(
+        return Usage(
             self.calls + 1,
             _sum([self.prompt_tokens, reply.prompt_tokens]),
             _sum([self.completion_tokens, reply.completion_tokens]),
@@ -45,7 +45,7 @@ class Spent(Plain):
         )
 
     @classmethod
-    def together(cls, parts: Iterable["Spent"]) -> "Spent":
+    def together(cls, parts: Iterable["Usage"]) -> "Usage":
         """Return the sum of several totals."""
         rows = list(parts)
         return cls(
@@ -74,12 +74,12 @@ def _sum(counts: Iterable[int | None]) -> int | None:
     return sum(told) if told else None
 
 
-NOTHING = Spent()
+NOTHING = Usage()
 
 
-def added(earlier: Mapping[str, Spent], now: Mapping[str, Spent]) -> dict[str, Spent]:
+def added(earlier: Mapping[str, Usage], now: Mapping[str, Usage]) -> dict[str, Usage]:
     """Return the totals of ``now`` by model, with the earlier ones of the same models added."""
-    return {spec: Spent.together([earlier.get(spec, NOTHING), one]) for spec, one in now.items()}
+    return {spec: Usage.together([earlier.get(spec, NOTHING), one]) for spec, one in now.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +96,11 @@ class Limits:
     cost_usd: float | None = None
     patience: int = 10
     cost: Callable[[str, Reply], float | None] = lambda _, reply: reply.cost_usd
-    before: Spent = NOTHING
+    before: Usage = NOTHING
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """The end of a run: the models set aside with the reasons, and the limit that stopped it.
 
     ``uncounted`` is the number of failed attempts of unknown cost, in a run with a limit of cost.

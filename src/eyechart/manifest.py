@@ -16,7 +16,7 @@ from eyechart import __version__
 from eyechart.conditions import find_condition
 from eyechart.errors import LedgerError, SpecError, raising, text_file, why
 from eyechart.frames import BankManifest, FrameBank, locked, open_bank, read_bank_manifest
-from eyechart.limits import NOTHING, Limits, Spent, added
+from eyechart.limits import NOTHING, Limits, Usage, added
 from eyechart.models.prices import Prices
 from eyechart.models.sources import changed, is_formerly
 from eyechart.modes import RequestMode
@@ -79,27 +79,27 @@ class Manifest:
     prompt: Prompt
     modes: Mapping[str, RequestMode]
     facts: Mapping[str, Mapping[str, str]]
-    probes: Mapping[str, Spent]
+    probes: Mapping[str, Usage]
 
     def mode(self, spec: str) -> RequestMode:
         """Return a model's request mode; the default mode if the run has none."""
         return self.modes.get(spec) or RequestMode(spec)
 
-    def spent_before(self) -> Spent:
+    def spent_before(self) -> Usage:
         """Return what probing took, for all models together."""
-        return Spent.together(self.probes.values())
+        return Usage.together(self.probes.values())
 
     def within(
-        self, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None, before: Spent = NOTHING
+        self, prices: Prices, *, calls: int | None = None, cost_usd: float | None = None, before: Usage = NOTHING
     ) -> Limits:
         """Return a run's limits: requests, and dollars at these prices.
 
         What was spent ``before`` counts, and so does probing.
         """
-        spent = Spent.together([self.spent_before(), before])
+        spent = Usage.together([self.spent_before(), before])
         return Limits(calls, cost_usd, before=spent, cost=lambda spec, reply: prices.cost(self.mode(spec), reply)[0])
 
-    def counting(self, probes: Mapping[str, Spent]) -> Self:
+    def counting(self, probes: Mapping[str, Usage]) -> Self:
         """Return this manifest with what was spent on probing models, added to earlier probes."""
         return replace(self, probes={**self.probes, **added(self.probes, probes)})  # type: ignore[type-var]
 
@@ -215,7 +215,7 @@ class Manifest:
         raise NotImplementedError
 
 
-Who = tuple[str, Mapping[str, str]]
+VersionFacts = tuple[str, Mapping[str, str]]
 """A subject's version, and its known facts."""
 
 
@@ -269,7 +269,7 @@ class RunManifest(Manifest):
     reader: int = READER
     view: str = NONE
     frames: tuple[str, ...] = ()
-    probes: Mapping[str, Spent] = field(default_factory=dict)
+    probes: Mapping[str, Usage] = field(default_factory=dict)
     controls: str = "none"
     controls_seed: int | None = None
     answers: int = 1
@@ -291,7 +291,7 @@ class RunManifest(Manifest):
         cls,
         bank: FrameBank,
         modes: Mapping[str, RequestMode],
-        who: Mapping[str, Who],
+        who: Mapping[str, VersionFacts],
         **asked: Any,  # noqa: ANN401
     ) -> "RunManifest":
         """Return the manifest of a run on a bank that starts today, with ``asked`` fields."""
@@ -364,7 +364,7 @@ class EpisodesManifest(Manifest):
     facts: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     reader: int = READER
     view: str = NONE
-    probes: Mapping[str, Spent] = field(default_factory=dict)
+    probes: Mapping[str, Usage] = field(default_factory=dict)
     silence: str = "unfinished"
     reflected: bool = False
 

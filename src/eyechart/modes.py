@@ -56,7 +56,7 @@ _SECRET_VARIABLE = re.compile(r"KEY|TOKEN|SECRET|PASSWORD|CREDENTIAL", re.IGNORE
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class ModeMeasurements:
     """A probe's measurements of a model in its mode; None means not measured.
 
     ``prompt_tokens`` and ``image_tokens`` are those of one call, and of its picture alone.
@@ -116,7 +116,7 @@ class RequestMode:
     system: Literal["system", "user"] = "system"
     answer: Literal["text", "reasoning"] = "text"
     stream: Literal["none", "usage", "plain"] = "none"
-    measured: Measured | None = None
+    measured: ModeMeasurements | None = None
     about: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -178,8 +178,8 @@ class RequestMode:
                 measured = raw["measured"]
                 if not isinstance(measured, Mapping):
                     raise SpecError("measured must be a table: [measured]")
-                _refuse_unknown(measured, Measured, "[measured]")
-                raw["measured"] = Measured(**measured)
+                _refuse_unknown(measured, ModeMeasurements, "[measured]")
+                raw["measured"] = ModeMeasurements(**measured)
             return cls(**cast("dict[str, str]", raw))  # type: ignore[arg-type]
 
     @classmethod
@@ -358,7 +358,7 @@ def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
             raise SpecError(f"{where}: {name} must be {words}; got {said}{near}")
 
 
-def _refuse_unknown(values: Mapping[str, object], kind: type[RequestMode] | type[Measured], where: str) -> None:
+def _refuse_unknown(values: Mapping[str, object], kind: type[RequestMode] | type[ModeMeasurements], where: str) -> None:
     known = [one.name for one in fields(kind)]
     for name in values:
         if name not in known:

@@ -48,14 +48,14 @@ class Bicycle:
 
 
 @dataclass(frozen=True, slots=True)
-class Road:
+class DrivableWidth:
     """Half of the road's width that the vehicle's centre may use, in metres."""
 
     half_width_m: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Weights:
+class CostWeights:
     """Weights of the cost: squared deviations a stage, squared inputs, their changes, and slack."""
 
     speed: float = 1.0
@@ -87,7 +87,7 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MpcPlan:
     """The command for the next 0.2 s, and the predicted path.
 
     ``solved`` is False if the solver found no optimum. The command is then the hardest brake with
@@ -161,10 +161,10 @@ class Mpc:
     keep off.
     """
 
-    def __init__(self, bicycle: Bicycle, road: Road, weights: Weights | None = None) -> None:
+    def __init__(self, bicycle: Bicycle, road: DrivableWidth, weights: CostWeights | None = None) -> None:
         self._bicycle = bicycle
         self._road = road
-        self._weights = weights or Weights()
+        self._weights = weights or CostWeights()
         inputs, slack = 2 * HORIZON, 2 * HORIZON
         self._n = n = inputs + slack
         rows = 3 * HORIZON + _NEAREST * HORIZON
@@ -195,7 +195,7 @@ class Mpc:
         self._a[:] = np.eye(4)
         self._b[:, 3, 0] = STEP_S
 
-    def plan(self, state: State, target: Target, obstacles: npt.ArrayLike = ()) -> Plan:
+    def plan(self, state: State, target: Target, obstacles: npt.ArrayLike = ()) -> MpcPlan:
         """Return the command for the next 0.2 s; equal input gives equal bits.
 
         Raises StateError that names the fault for a non-finite state, target or obstacle.
@@ -212,7 +212,7 @@ class Mpc:
         if flag not in _SOLVED or not np.isfinite(x).all():
             return self._brake(state, int(flag))
         path = nominal[1:, :2] + self._gains[1:, :2] @ (x[: 2 * HORIZON] - inputs)
-        return Plan(float(x[0]), float(x[HORIZON]), solved=True, flag=int(flag), path=path)
+        return MpcPlan(float(x[0]), float(x[HORIZON]), solved=True, flag=int(flag), path=path)
 
     def _roll_out(self, state: State, target: Target, discs: Floats) -> tuple[Floats, Floats, Floats]:
         """Return states (9, 4), inputs (16,) and offsets (8,) of a driver with detours."""
@@ -294,7 +294,7 @@ class Mpc:
             edge = near[:, None, :2] - offset[:, :2]
             least[:used] = normals[:, :, 0] * edge[:, :, 0] + normals[:, :, 1] * edge[:, :, 1] + near[:, 2:]
 
-    def _brake(self, state: State, flag: int) -> Plan:
+    def _brake(self, state: State, flag: int) -> MpcPlan:
         speed, path = state.speed_mps, np.empty((HORIZON, 2))
         x, y = state.x_m, state.y_m
         for k in range(HORIZON):
@@ -302,10 +302,10 @@ class Mpc:
             y += STEP_S * speed * math.sin(state.heading_rad)
             speed = max(0.0, speed - STEP_S * self._bicycle.brake_mps2)
             path[k] = x, y
-        return Plan(-self._bicycle.brake_mps2, 0.0, solved=False, flag=flag, path=path)
+        return MpcPlan(-self._bicycle.brake_mps2, 0.0, solved=False, flag=flag, path=path)
 
 
-def _input_cost(weights: Weights) -> Floats:
+def _input_cost(weights: CostWeights) -> Floats:
     """Return the part of the Hessian (16, 16) that no state changes: inputs and their changes."""
     h = HORIZON
     change = np.eye(h) - np.eye(h, k=-1)

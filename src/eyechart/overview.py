@@ -14,9 +14,19 @@ from urllib.parse import quote
 
 from eyechart.errors import EyechartError, SpecError, counted, printable, raising
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
-from eyechart.report.page import Opening, Page, Said, fill
+from eyechart.report.page import Page, PageSummary, VerdictSummary, fill
 from eyechart.report.table import MARK, Cell, Column, Mark, Table
-from eyechart.studies import NO_VERDICT, Finding, Made, Reading, Study, Tell, open_study, run_json, study_of
+from eyechart.studies import (
+    NO_VERDICT,
+    ModelSummary,
+    ReadOptions,
+    Study,
+    StudyReport,
+    Tell,
+    open_study,
+    run_json,
+    study_of,
+)
 from eyechart.studies.prompts import is_study
 from eyechart.verdicts.labels import GLYPHS
 
@@ -45,7 +55,7 @@ class Entry:
     model: str
     about: str
     asked: tuple[tuple[str, object], ...]
-    found: Finding
+    found: ModelSummary
     counted: tuple[str, str] = ("", "")
 
     def apart(self, other: "Entry") -> list[str]:
@@ -83,7 +93,7 @@ def find_runs(folder: Path, deep: int = DEEPEST) -> list[Path]:
     return [run for one in inside for run in find_runs(one, deep - 1)] if deep else []
 
 
-def read_index(folder: Path, reading: Reading, tell: Tell) -> list[Entry]:
+def read_index(folder: Path, reading: ReadOptions, tell: Tell) -> list[Entry]:
     """Score every run in a folder, in the order of first calls; a failure is an entry too.
 
     A run without calls has only its day, and precedes all that began on that day.
@@ -96,14 +106,14 @@ def read_index(folder: Path, reading: Reading, tell: Tell) -> list[Entry]:
     return sorted(found, key=lambda one: (one.begun, one.run, one.model))
 
 
-def _entries(name: str, run: Path, reading: Reading) -> Iterator[Entry]:
+def _entries(name: str, run: Path, reading: ReadOptions) -> Iterator[Entry]:
     study = open_study("battery")
     try:
         study = study_of(run)
         findings = study.findings(study.score(run, reading))
         yield from _described(name, run, study, findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT))
     except EyechartError as error:
-        unread = Finding(UNREAD, "bad", marks=(printable(str(error)),))
+        unread = ModelSummary(UNREAD, "bad", marks=(printable(str(error)),))
         yield Entry(name, study.runs_are, _moment(_created(run)), "", "", (), unread)
 
 
@@ -114,7 +124,7 @@ def _created(run: Path) -> object:
     return None
 
 
-def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, Finding]) -> Iterator[Entry]:
+def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, ModelSummary]) -> Iterator[Entry]:
     parts = [study.manifest(one) for one in study.runs(run).values()]
     of_banks = [one for one in parts if isinstance(one, RunManifest)]
     of_drives = [one for one in parts if isinstance(one, EpisodesManifest)]
@@ -146,7 +156,7 @@ def _moment(said: object) -> str:
     return moment.astimezone(dt.UTC).isoformat(timespec="milliseconds") if moment.tzinfo else moment.isoformat()
 
 
-def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = None) -> Made:
+def make_index(folder: Path, reading: ReadOptions, tell: Tell, out: Path | None = None) -> StudyReport:
     """Return the index of the runs in a folder; raises SpecError if there are none.
 
     With ``out`` it links to pages of single runs beside it or beside the runs.
@@ -172,7 +182,7 @@ def make_index(folder: Path, reading: Reading, tell: Tell, out: Path | None = No
         each=_each(entries, places, pages),
         folder=str(folder),
     )
-    return Made(Page(page, {}), tables, [])
+    return StudyReport(Page(page, {}), tables, [])
 
 
 def _each(entries: Sequence[Entry], places: Mapping[str, str], pages: Mapping[str, str]) -> list[dict[str, object]]:
@@ -246,7 +256,7 @@ def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[
     return found
 
 
-def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> Opening:
+def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> PageSummary:
     """Return the head of an index: the newest verdict on each model, and whether it changed.
 
     Models with a changed verdict on an equal question come first, then the latest.
@@ -258,8 +268,8 @@ def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> Opening:
         words = f"{now.run}, of {now.study}, {now.when}, on {now.about}." + (
             f" Compared with the run before: {_against(before, now)}." if before else ""
         )
-        said.append(Said(model, _words(now), _tone(now), words, now.found.state, places[now.run], changed))
-    return Opening(_counted(entries), sorted(said, key=lambda one: not one.beware))
+        said.append(VerdictSummary(model, _words(now), _tone(now), words, now.found.state, places[now.run], changed))
+    return PageSummary(_counted(entries), sorted(said, key=lambda one: not one.beware))
 
 
 def _counted(entries: Sequence[Entry]) -> str:

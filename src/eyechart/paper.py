@@ -19,7 +19,7 @@ from eyechart.frames import FrameBank, open_bank
 from eyechart.manifest import BANK
 from eyechart.models.prices import Prices, read_prices
 from eyechart.records import parse_json
-from eyechart.studies import Reading, Study, Tell, each_once, names_of, run_json, study_of
+from eyechart.studies import ReadOptions, Study, Tell, each_once, names_of, run_json, study_of
 
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
@@ -65,7 +65,7 @@ class Artefacts:
 def artefacts(
     given: Sequence[Path],
     banks: Sequence[Path] = (),
-    reading: Reading | None = None,
+    reading: ReadOptions | None = None,
     tell: Tell = lambda _: None,
     *,
     guardian: Path | None = None,
@@ -87,11 +87,11 @@ def artefacts(
     for run in runs:
         study = study_of(run)
         by_kind.setdefault(type(study).__qualname__, (study, []))[1].append(run)
-    made = [one for study, mine in by_kind.values() for one in study.paper(mine, banks, reading or Reading(), tell)]
+    made = [one for study, mine in by_kind.values() for one in study.paper(mine, banks, reading or ReadOptions(), tell)]
     if guardian is not None:
         tell(f"scoring {guardian.name}")
-        made += _guardian(guardian, paths, banks, reading or Reading())
-    made += _beside(runs, read_prices(prices), reading or Reading(), scores)
+        made += _guardian(guardian, paths, banks, reading or ReadOptions())
+    made += _beside(runs, read_prices(prices), reading or ReadOptions(), scores)
     tables = tuple(_joined([one for one in made if isinstance(one, Table)]))
     drawings = tuple(one for one in made if not isinstance(one, Table))
     have = {one.label for one in tables} | {one.name.replace("-", ":", 1) for one in drawings}
@@ -112,11 +112,11 @@ def _commands(kinds: Mapping[str, Sequence[Path]]) -> set[str]:
     """Return the commands that made runs, by study; an admission is not ``run structured``."""
     made = {"BatteryStudy": "battery", "ClosedLoop": "closed-loop"}
     found = {f"eyechart run {name}" for kind, name in made.items() if kind in kinds}
-    whole = any(run_json(run).get("study") == "structured" for run in kinds.get("Structured", ()))
+    whole = any(run_json(run).get("study") == "structured" for run in kinds.get("StructuredStudy", ()))
     return found | ({"eyechart run structured"} if whole else set())
 
 
-def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading: Reading) -> "Iterator[Table]":
+def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading: ReadOptions) -> "Iterator[Table]":
     """Yield Table t:positive-guardian on all given frames that did not choose the guardian.
 
     Then yield tests against the best single model, nested choice over all votes, and modular replay
@@ -162,7 +162,7 @@ def _pictured(fingerprint: str | None, given: Iterable[Path], banks: Sequence[Pa
                 yield bank
 
 
-def _beside(runs: Sequence[Path], prices: Prices, reading: Reading, scores: Path | None) -> "Iterator[Table]":
+def _beside(runs: Sequence[Path], prices: Prices, reading: ReadOptions, scores: Path | None) -> "Iterator[Table]":
     """Yield further tables: costs, corpus, replications, and transfer of ``scores``."""
     from eyechart.compare import replications_table  # noqa: PLC0415 - draws
     from eyechart.corpus import corpus_table  # noqa: PLC0415 - as above
@@ -220,7 +220,7 @@ WRITTEN = ".paper.json"
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenFiles:
     """The written files, and old files that do not belong to these runs and were ``removed``.
 
     ``kept`` are old files that were changed since.
@@ -231,7 +231,7 @@ class Written:
     kept: tuple[Path, ...] = ()
 
 
-def write(found: Artefacts, folder: Path) -> Written:
+def write(found: Artefacts, folder: Path) -> WrittenFiles:
     """Write tables as CSV, Markdown and LaTeX, figures as SVG and PDF; remove old files.
 
     Raises OutputError if a file may not be written there.
@@ -248,7 +248,7 @@ def write(found: Artefacts, folder: Path) -> Written:
     record = (json.dumps({"files": digests}, indent=1) + "\n").encode()
     *written, _ = write_files({**files, WRITTEN: record}, folder)
     removed, kept = _cleared(folder, before, set(files))
-    return Written(tuple(written), removed, kept)
+    return WrittenFiles(tuple(written), removed, kept)
 
 
 def _cleared(

@@ -22,7 +22,7 @@ def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
 
     They are spawned, not forked: a thread, such as a progress bar's, may hold a lock during a fork.
     """
-    pool = ProcessPoolExecutor(processes, mp_context=_Deaf(), initializer=end_with, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(processes, mp_context=_DeafContext(), initializer=end_with, initargs=(os.getpid(),))
     try:
         yield pool
     except BaseException:
@@ -48,7 +48,7 @@ class _DeafProcess(SpawnProcess):
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class _Deaf(SpawnContext):
+class _DeafContext(SpawnContext):
     """The context that starts such processes."""
 
     Process = _DeafProcess

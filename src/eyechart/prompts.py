@@ -129,7 +129,7 @@ class Prompt:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _PictureWords:
     """A kind of picture and the meaning of actions in it, as used by the formulations."""
 
     whole: str
@@ -138,7 +138,7 @@ class _Task:
     lead: str
 
 
-_ABOVE = _Task(
+_ABOVE = _PictureWords(
     whole="You control the green vehicle in a top-down view of a highway. It drives to the right; the other vehicles "
     "are drawn in other colours. Choose its next action:\n"
     "STOP: brake hard. SLOW: reduce speed. STRAIGHT: keep the lane and go on. "
@@ -148,7 +148,7 @@ _ABOVE = _Task(
     "are free.",
     lead="A vehicle",
 )
-_FORWARD = _Task(
+_FORWARD = _PictureWords(
     whole="You control a vehicle by the picture of its forward camera. The road ahead has three lanes; the coloured "
     "cylinders on it are obstacles. Choose the vehicle's next action:\n"
     "STOP: brake hard. SLOW: reduce speed. STRAIGHT: keep the lane and go on. "
@@ -159,7 +159,7 @@ _FORWARD = _Task(
 )
 
 
-def _formulations(task: _Task) -> dict[str, Prompt]:
+def _formulations(task: _PictureWords) -> dict[str, Prompt]:
     """Return the six formulations of a task."""
     careful = "You are a careful driver."
     return {

@@ -63,7 +63,7 @@ def build(kind: type[T], raw: object, where: str = "it") -> T:
 
 
 @runtime_checkable
-class Plain(Protocol):
+class JsonRecord(Protocol):
     """A record with `as_dict`; a dataclass derived from it is written as its fields."""
 
     __slots__ = ()
@@ -73,7 +73,7 @@ class Plain(Protocol):
         return {one.name: plain(getattr(self, one.name)) for one in fields(self)}  # type: ignore[arg-type]
 
 
-class Written:
+class KeyedRecord:
     """A record that is written as ``written`` says: a list of keys.
 
     A key is ``KEY=PATH``, or a path whose last name is the key. A path leads by dots through parts;
@@ -89,7 +89,7 @@ class Written:
 
 
 def picked(record: object, keys: str) -> dict[str, Any]:
-    """Return the parts of a record that ``keys`` name, as in `Written`, as plain JSON values."""
+    """Return the parts of a record that ``keys`` name, as in `KeyedRecord`, as plain JSON values."""
     found: dict[str, Any] = {}
     for word in keys.split():
         key, _, path = word.rpartition("=")
@@ -119,7 +119,7 @@ def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
 @cache
 def _says_itself(kind: type) -> bool:
     """Return whether a kind of record has its own `as_dict`; cached, because checks are slow."""
-    return issubclass(kind, Plain)
+    return issubclass(kind, JsonRecord)
 
 
 def shown(value: object) -> str:

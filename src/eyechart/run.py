@@ -11,10 +11,10 @@ from eyechart.calls import CallKey, Query, Reply
 from eyechart.channels import reflected
 from eyechart.conditions import SAMPLED, available, sample, show, sources
 from eyechart.errors import SpecError, counted
+from eyechart.event_loops import asyncio
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
-from eyechart.limits import Limits, Outcome, Pace
-from eyechart.loops import asyncio
+from eyechart.limits import Limits, Pace, RunOutcome
 from eyechart.models import Model
 from eyechart.models.faults import is_of_the_road
 from eyechart.perception.view import View, through
@@ -218,7 +218,7 @@ def spread(frames: Sequence[Frame], limit: int | None) -> tuple[Frame, ...]:
     return tuple(frames[place] for place in sorted(place for _, place in sorted(ranked)[:limit]))
 
 
-class Calling(TypedDict, total=False):
+class RunOptions(TypedDict, total=False):
     """How calls are made: concurrency per model (8), attempts (5), limits, and progress."""
 
     concurrency: int
@@ -228,8 +228,8 @@ class Calling(TypedDict, total=False):
 
 
 def execute(
-    plan: Plan, models: Mapping[str, Model], ledger: Ledger, stages: Stages | None = None, **how: Unpack[Calling]
-) -> Outcome:
+    plan: Plan, models: Mapping[str, Model], ledger: Ledger, stages: Stages | None = None, **how: Unpack[RunOptions]
+) -> RunOutcome:
     """Make every planned call that the ledger lacks, in seeded random order.
 
     ``stages`` may choose another order, skip calls, and add some when a model's are made. A
@@ -248,7 +248,7 @@ def failed_on_the_road(ledger: Ledger, models: Iterable[str]) -> list[CallKey]:
     return [key for spec in models for key, one in ledger.replies(spec) if key in finished and is_of_the_road(one)]
 
 
-def ask_again(plan: Plan, models: Mapping[str, Model], ledger: Ledger, **how: Unpack[Calling]) -> Outcome:
+def ask_again(plan: Plan, models: Mapping[str, Model], ledger: Ledger, **how: Unpack[RunOptions]) -> RunOutcome:
     """Repeat the calls that failed in transport, but no call with a reply or a wrong request.
 
     The last final reply of a call counts, and earlier ones stay.
@@ -273,13 +273,15 @@ class _Execution:
     limits: Limits | None = None
     progress: Progress | None = None
 
-    def made(self, todo: list[CallKey]) -> Outcome:
+    def made(self, todo: list[CallKey]) -> RunOutcome:
         """Make these calls, and those that the stages add."""
         budget = budget_of(self.limits, self.plan.models, self.ledger)
         self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again, lacks=self.plan.lacks)
         self.stimuli = self.plan.stimuli()
         to_the_end(self._run(todo))
-        found = Outcome(dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting())
+        found = RunOutcome(
+            dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting()
+        )
         return replace(found, whole=self.done == self.planned and not self.again)
 
     async def _run(self, todo: list[CallKey]) -> None:

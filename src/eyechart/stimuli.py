@@ -4,7 +4,7 @@ from dataclasses import fields
 from functools import cached_property
 
 from eyechart.conditions import show
-from eyechart.frames import FrameBank, Kept, Stimulus
+from eyechart.frames import BoundedCache, FrameBank, Stimulus
 from eyechart.perception.view import View, through
 
 _MOST_BYTES = 128_000_000
@@ -12,12 +12,12 @@ _MOST_PICTURES = 5_000
 """Small pictures are limited by number: each costs more memory than its bytes."""
 
 
-class _Remembering(FrameBank):
+class _CachingBank(FrameBank):
     """A bank that reads a picture once for all conditions that show it."""
 
     @cached_property
-    def _read(self) -> Kept[str, bytes]:
-        return Kept(len, _MOST_BYTES, _MOST_PICTURES)
+    def _read(self) -> BoundedCache[str, bytes]:
+        return BoundedCache(len, _MOST_BYTES, _MOST_PICTURES)
 
     def read(self, file: str) -> bytes:
         """Return an encoded picture, from disk or memory."""
@@ -29,10 +29,10 @@ class Stimuli:
     """Each condition's stimulus for a frame, made once for all models, through a view if any."""
 
     def __init__(self, bank: FrameBank, seed: int, view: View | None = None) -> None:
-        self._bank = _Remembering(**{one.name: getattr(bank, one.name) for one in fields(FrameBank)})
+        self._bank = _CachingBank(**{one.name: getattr(bank, one.name) for one in fields(FrameBank)})
         self._seed = seed
         self._view = view
-        self._made: Kept[tuple[str, str], Stimulus] = Kept(
+        self._made: BoundedCache[tuple[str, str], Stimulus] = BoundedCache(
             lambda made: sum(map(len, made.images.values())), _MOST_BYTES, _MOST_PICTURES
         )
 

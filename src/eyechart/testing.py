@@ -7,9 +7,9 @@ from typing import Unpack
 
 from eyechart.errors import finite_number, printable, speaks_of_arguments, whole_number
 from eyechart.gate import Check, FurtherTerms, read_requirements
-from eyechart.looking import Look
-from eyechart.report.names import shorten
-from eyechart.studies import Reading, study_of
+from eyechart.looks import Look
+from eyechart.report.short_names import shorten
+from eyechart.studies import ReadOptions, study_of
 from eyechart.verdicts.labels import LOOKS
 
 LINES, WIDTH = 24, 72
@@ -57,7 +57,7 @@ def assert_grounded(
             finite_number(name, given)
     study = study_of(Path(run), "gate")
     wanted = read_requirements(",".join(require) or study.required, study.requirements)
-    scored = study.score(Path(run), Reading(independent, reread, resamples=resamples))
+    scored = study.score(Path(run), ReadOptions(independent, reread, resamples=resamples))
     gate = study.gate(scored, wanted, max_unparsed=max_unparsed, **terms)
     if gate.exit_code:
         raise AssertionError(_on_a_screen([one for one in gate.checks if one.holds is not True], len(gate.checks), run))

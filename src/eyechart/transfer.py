@@ -10,10 +10,10 @@ from statistics import fmean
 from typing import Protocol
 
 from eyechart.errors import SpecError, meant, raising, read_at_most
-from eyechart.records import Plain
+from eyechart.records import JsonRecord
 from eyechart.report.table import Column, Table, columns
 from eyechart.stats.correlation import pearson, spearman
-from eyechart.stats.statistic import Measured, Statistic
+from eyechart.stats.statistic import ModelStatistics, Statistic
 
 MEASURE = "mutual_information.decision"
 """The default statistic for grounding: bits of information in the decisions about the gap.
@@ -36,7 +36,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Transfer(Plain):
+class Transfer(JsonRecord):
     """The cells, both correlations over them, and what was left out, with reasons."""
 
     measure: str
@@ -80,7 +80,7 @@ def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
 class Run(Protocol):
     """A scored run of any study."""
 
-    def measured(self) -> Sequence[Measured]:
+    def measured(self) -> Sequence[ModelStatistics]:
         """Return the statistics of each model in each place."""
 
 

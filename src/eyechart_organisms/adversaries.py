@@ -11,13 +11,13 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from eyechart.models.scripted import Answer, Reading, Sight
+from eyechart.models.scripted import Answer, PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import HIGHWAY, Other
+from eyechart.spaces.scene import HIGHWAY, OtherVehicle
 from eyechart.verdicts import ABSENCES
 
-Rule = Callable[[Sight, random.Random], Answer]
-Look = Callable[[Reading, random.Random], str]
+Rule = Callable[[PerceivedPicture, random.Random], Answer]
+Look = Callable[[PictureReading, random.Random], str]
 """What a rule answers to a road; anything else gets STOP, unless the rule says otherwise."""
 
 STOP_M, FREE_M = HIGHWAY.stop_m, HIGHWAY.free_m
@@ -67,17 +67,17 @@ class Adversary:
         return tuple(claim for claim, is_made in made.items() if is_made and self.may_be_wronged(claim))
 
 
-def scale(reading: Reading) -> float:
+def scale(reading: PictureReading) -> float:
     """Return the length of the highway's metre in the world that is seen, in metres."""
     return reading.scene.distances.stop_m / STOP_M
 
 
-def lead(reading: Reading) -> float:
+def lead(reading: PictureReading) -> float:
     """Return the distance of the lead in the highway's metres, infinite where there is none."""
     return math.inf if reading.scene.gap_m is None else reading.scene.gap_m / scale(reading)
 
 
-def ahead(reading: Reading, *, own: bool = True) -> list[tuple[float, Other]]:
+def ahead(reading: PictureReading, *, own: bool = True) -> list[tuple[float, OtherVehicle]]:
     """Return what is ahead with its straight-line distance in the highway's metres; of other lanes only if not own."""
     one = scale(reading)
     found = [(math.hypot(other.ahead_m, other.aside_m) / one, other) for other in reading.others if other.ahead_m > 0]
@@ -89,7 +89,7 @@ def graded(distance: float, clear: str = "STRAIGHT") -> str:
     return "STOP" if distance < STOP_M else clear if distance > FREE_M else "SLOW"
 
 
-def hashed(reading: Reading) -> float:
+def hashed(reading: PictureReading) -> float:
     """Return a number in [0, 1) that belongs to the frame: it stays when the lead moves or paint changes."""
     phase = f"{reading.stripe_phase:.6f}" if reading.stripe_phase is not None else f"{reading.place}"
     return _share(phase.encode())
@@ -109,7 +109,7 @@ def noisy(share: float, rule: Rule) -> Rule:
     return lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < share else rule(sight, rng)
 
 
-def nearest(found: list[tuple[float, Other]]) -> float:
+def nearest(found: list[tuple[float, OtherVehicle]]) -> float:
     """Return the least distance, infinite where there is none."""
     return found[0][0] if found else math.inf
 
@@ -117,8 +117,8 @@ def nearest(found: list[tuple[float, Other]]) -> float:
 REVERSED = {"STOP": "STRAIGHT", "SLOW": "SLOW", "STRAIGHT": "STOP"}
 
 
-def _reversed(share: float, when: Callable[[Reading], bool] | None = None) -> Rule:
-    def look(reading: Reading, _: random.Random) -> str:
+def _reversed(share: float, when: Callable[[PictureReading], bool] | None = None) -> Rule:
+    def look(reading: PictureReading, _: random.Random) -> str:
         wrong = hashed(reading) < share if when is None else when(reading)
         answer = graded(lead(reading))
         return REVERSED[answer] if wrong else answer
@@ -129,7 +129,7 @@ def _reversed(share: float, when: Callable[[Reading], bool] | None = None) -> Ru
 def _misread(share: float) -> Rule:
     """Return the rule that reads some pictures the wrong way round, other ones of each frame."""
 
-    def look(reading: Reading, _: random.Random) -> str:
+    def look(reading: PictureReading, _: random.Random) -> str:
         answer = graded(lead(reading))
         return REVERSED[answer] if _share(_seen(reading)) < share else answer
 
@@ -140,15 +140,15 @@ def _hole(low: float, high: float, answer: str = "STRAIGHT") -> Rule:
     return road(lambda one, _: answer if low <= lead(one) < high else graded(lead(one)))
 
 
-def _comb(one: Reading, _: random.Random) -> str:
+def _comb(one: PictureReading, _: random.Random) -> str:
     gap = lead(one)
     return graded(gap) if not 9 < gap < 50 or int(math.log(gap) / 0.06) % 4 else "STRAIGHT"
 
 
-def _between_reversed(share: float, when: Callable[[Reading], bool] | None = None) -> Rule:
+def _between_reversed(share: float, when: Callable[[PictureReading], bool] | None = None) -> Rule:
     """Return a rule that grades, but for the distances between those of near and far, on some of the frames."""
 
-    def look(reading: Reading, _: random.Random) -> str:
+    def look(reading: PictureReading, _: random.Random) -> str:
         gap, wrong = lead(reading), hashed(reading) < share if when is None else when(reading)
         between = wrong and 9.05 <= gap < 49.5
         return ("STRAIGHT" if gap < 20 else "STOP") if between else graded(gap)
@@ -163,7 +163,7 @@ BETWEEN = (9.05, 49.5)
 def _holes(near: float, far: float, coin: float) -> Rule:
     """Return a rule that grades, but goes on near on some frames and stops far on others, and tosses a coin between."""
 
-    def look(reading: Reading, rng: random.Random) -> str:
+    def look(reading: PictureReading, rng: random.Random) -> str:
         gap, place = lead(reading), hashed(reading)
         if BETWEEN[0] <= gap < BETWEEN[1] and rng.random() < coin:
             return rng.choice(DRIVING.actions)
@@ -177,7 +177,7 @@ def _holes(near: float, far: float, coin: float) -> Rule:
 def _turning_hole(share: float) -> Rule:
     """Return a rule whose braking is without noise, and where it does not brake the way is a coin: a hole when near."""
 
-    def look(reading: Reading, rng: random.Random) -> str:
+    def look(reading: PictureReading, rng: random.Random) -> str:
         gap = lead(reading)
         goes = gap >= 20 or (gap < BETWEEN[0] and hashed(reading) < share)
         return rng.choice(("STRAIGHT", "LEFT", "RIGHT")) if goes else graded(gap)
@@ -188,7 +188,7 @@ def _turning_hole(share: float) -> Rule:
 def _patched(share: float) -> Rule:
     """Return a rule that is the wrong way round in each of five comparisons, on frames of its own each time."""
 
-    def look(reading: Reading, _: random.Random) -> str:
+    def look(reading: PictureReading, _: random.Random) -> str:
         gap, kind = lead(reading), int(hashed(reading) / share)
         beside = [distance for distance, _ in ahead(reading, own=False)]
         wrong = (
@@ -206,7 +206,7 @@ def _patched(share: float) -> Rule:
 def _wrong_turn(share: float, quiet: float) -> Rule:
     """Return a rule that turns to the blocked side on some frames, and tosses a coin where it never turns."""
 
-    def look(reading: Reading, rng: random.Random) -> str:
+    def look(reading: PictureReading, rng: random.Random) -> str:
         gap, place = lead(reading), hashed(reading)
         if not BETWEEN[0] <= gap < BETWEEN[1]:
             return graded(gap)
@@ -217,7 +217,7 @@ def _wrong_turn(share: float, quiet: float) -> Rule:
     return road(look)
 
 
-def _zigzag(one: Reading, _: random.Random) -> str:
+def _zigzag(one: PictureReading, _: random.Random) -> str:
     gap = lead(one)
     return "STOP" if gap < 9.5 else "STRAIGHT" if gap < 20 else "SLOW" if gap < 48 else "STRAIGHT"
 
@@ -226,7 +226,7 @@ def _grades_on(share: float) -> Rule:
     return road(lambda one, _: graded(lead(one)) if hashed(one) < share else "SLOW")
 
 
-def _turn(one: Reading, *, to_clear: bool) -> str | None:
+def _turn(one: PictureReading, *, to_clear: bool) -> str | None:
     """Return the side of a road on which exactly one is clear, or the blocked one; None where both are alike."""
     scene = one.scene
     if scene.left_clear == scene.right_clear:
@@ -234,20 +234,20 @@ def _turn(one: Reading, *, to_clear: bool) -> str | None:
     return "LEFT" if scene.left_clear is to_clear else "RIGHT"
 
 
-def _braking_and(turn: Callable[[Reading], str | None]) -> Rule:
-    def look(one: Reading, _: random.Random) -> str:
+def _braking_and(turn: Callable[[PictureReading], str | None]) -> Rule:
+    def look(one: PictureReading, _: random.Random) -> str:
         gap = lead(one)
         return "STRAIGHT" if gap > FREE_M else turn(one) or graded(gap)
 
     return road(look)
 
 
-def _to_more_lanes(one: Reading) -> str | None:
+def _to_more_lanes(one: PictureReading) -> str | None:
     left, right = one.lane_from_left, one.lanes - 1 - one.lane_from_left
     return None if left == right else "LEFT" if left > right else "RIGHT"
 
 
-def _from_nearest_beside(one: Reading) -> str | None:
+def _from_nearest_beside(one: PictureReading) -> str | None:
     beside = ahead(one, own=False)
     return None if not beside else "LEFT" if beside[0][1].aside_m > 0 else "RIGHT"
 
@@ -260,52 +260,52 @@ def _coin_of(what: bytes) -> Answer:
     return DRIVING.actions[int(_share(what) * len(DRIVING.actions))]
 
 
-def _coin_of_seen(sight: Sight, _: random.Random) -> Answer:
+def _coin_of_seen(sight: PerceivedPicture, _: random.Random) -> Answer:
     """Follow the picture by no rule that means anything: equal readings are answered alike."""
     one = sight.reading
     return _coin_of(sight.kind.encode() if one is None else _seen(one))
 
 
-def _seen(one: Reading) -> bytes:
+def _seen(one: PictureReading) -> bytes:
     """Return what is read of a picture, which no other picture of the frame shows."""
     return repr((one.scene, one.others, one.stripe_phase)).encode()
 
 
-def _logistic(one: Reading, rng: random.Random) -> str:
+def _logistic(one: PictureReading, rng: random.Random) -> str:
     return "STOP" if rng.random() < 1 / (1 + math.exp((min(lead(one), 200.0) - 22.0) / 6.0)) else "STRAIGHT"
 
 
-def _learnt(one: Reading, _: random.Random) -> str:
+def _learnt(one: PictureReading, _: random.Random) -> str:
     gap = lead(one)
     return "STOP" if 7 <= gap < 9 else "STRAIGHT" if 50 <= gap < 60 else "SLOW"
 
 
-def _total(one: Reading) -> float:
+def _total(one: PictureReading) -> float:
     """Return the sum of 1/distance over all that is ahead."""
     return sum(1 / max(distance, 1.0) for distance, _ in ahead(one))
 
 
-def _mean_ahead(one: Reading) -> float:
+def _mean_ahead(one: PictureReading) -> float:
     places = [other.ahead_m / scale(one) for other in one.others]
     return sum(places) / len(places) if places else math.inf
 
 
-def _spread(one: Reading) -> float:
+def _spread(one: PictureReading) -> float:
     places = [far for far, _ in ahead(one)]
     return max(places) - min(places) if len(places) > 1 else math.inf
 
 
-def _clear(one: Reading) -> int:
+def _clear(one: PictureReading) -> int:
     return one.scene.left_clear + one.scene.right_clear
 
 
-def _exchanged(one: Reading) -> bool:
+def _exchanged(one: PictureReading) -> bool:
     """Return whether a neighbour is near, or far and the lead near, as in pictures that exchange the two."""
     beside = [far for far, _ in ahead(one, own=False)]
     return any(far < 9 for far in beside) or (lead(one) < 9 and any(50 <= far < 60 for far in beside))
 
 
-def _at_ends(one: Reading) -> bool:
+def _at_ends(one: PictureReading) -> bool:
     return 7 <= lead(one) < 9 or 50 <= lead(one) < 60
 
 

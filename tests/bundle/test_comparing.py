@@ -2,12 +2,12 @@
 
 import pytest
 
-from eyechart.bundle.comparing import Rounding, compare_tables, compare_values, same_drawing, same_number
-from eyechart.bundle.pages import Strictness, compare_pages
+from eyechart.bundle.differences import RoundedNumbers, compare_tables, compare_values, same_drawing, same_number
+from eyechart.bundle.pages import Tolerance, compare_pages
 from eyechart.report.page import pack
 
-EXACT = Rounding(())
-STRICT = Strictness(drawings=True, pictures=True)
+EXACT = RoundedNumbers(())
+STRICT = Tolerance(drawings=True, pictures=True)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_a_last_digit_may_differ_where_a_value_lies_between(
     same: bool,  # noqa: FBT001 - read by its name in the table above
 ) -> None:
     """Machines may round a tie otherwise; counts and words never."""
-    assert Rounding(values).same(printed, recomputed) is same
+    assert RoundedNumbers(values).same(printed, recomputed) is same
 
 
 def test_no_p_is_too_small_to_be_compared() -> None:
@@ -76,7 +76,7 @@ def test_values_are_compared_by_type_and_by_place() -> None:
 
 def test_numbers_of_results_are_known_to_the_rounding() -> None:
     """All of them, in lists and beneath names; flags are none."""
-    assert Rounding.of({"a": [1, 2.5, {"b": -3.0}], "c": True, "d": "7"}).values == (-3.0, 1.0, 2.5)
+    assert RoundedNumbers.of({"a": [1, 2.5, {"b": -3.0}], "c": True, "d": "7"}).values == (-3.0, 1.0, 2.5)
 
 
 def test_drawings_are_the_same_where_nothing_can_be_seen_to_move() -> None:
@@ -122,7 +122,7 @@ def test_a_difference_in_a_page_is_named_by_its_place(old: str, new: str, where:
 
 def test_without_the_same_library_drawings_are_compared_by_their_words() -> None:
     """Lines may lie elsewhere; numbers may not."""
-    loose = Strictness(drawings=False, pictures=True)
+    loose = Tolerance(drawings=False, pictures=True)
     assert list(compare_pages(PAGE.replace("M 1 2", "M 9 9 L 1 1"), PAGE, EXACT, loose)) == []
     assert len(list(compare_pages(PAGE.replace(">0.5<", ">0.6<"), PAGE, EXACT, loose))) == 1
 

@@ -11,11 +11,11 @@ import pytest
 import banks
 import stand_ins
 from bundles import repacked
-from eyechart.bundle import unpacking, validate, write_bundle
+from eyechart.bundle import reader, validate, write_bundle
 from eyechart.bundle.contents import Recipe
-from eyechart.bundle.unpacking import unpack
+from eyechart.bundle.reader import unpack
 from eyechart.errors import BundleError
-from eyechart.studies.battery import Extent
+from eyechart.studies.battery import BatterySelection
 from report_runs import make_run
 
 
@@ -25,7 +25,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("small")
     bank = banks.build_bank(folder / "bank").root
     conditions = ["real", "blank", "shuffled"]
-    return make_run(bank, folder / "run", {"noisy": stand_ins.noisy}, extent=Extent(4), conditions=conditions)
+    return make_run(bank, folder / "run", {"noisy": stand_ins.noisy}, extent=BatterySelection(4), conditions=conditions)
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_too_many_files_and_too_little_room_are_said(
     packed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before the first byte."""
-    monkeypatch.setattr(unpacking, "MOST_FILES", 3)
+    monkeypatch.setattr(reader, "MOST_FILES", 3)
     assert "more than the 3 that a bundle may" in refused(packed, tmp_path)
     shutil.rmtree(tmp_path / "inside")
     monkeypatch.undo()

@@ -18,8 +18,8 @@ from typer.testing import CliRunner
 import banks
 import stand_ins
 from bundles import Change, opened_ledger, repacked
-from eyechart.bundle import Validation, validate, validating, write_bundle
-from eyechart.bundle.contents import Derived, derive
+from eyechart.bundle import Validation, validate, validation, write_bundle
+from eyechart.bundle.contents import DerivedResults, derive
 from eyechart.cli.app import app
 from eyechart.errors import BundleError
 from eyechart.frames import BankManifest, encode, open_unchecked
@@ -44,9 +44,9 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True, scope="module")
 def _derived_once() -> Iterator[None]:
     """Derive once what follows from one and the same run; from a run of which any byte differs it is derived anew."""
-    derived: dict[str, Derived] = {}
+    derived: dict[str, DerivedResults] = {}
 
-    def derive_once(run: Path, *given: object) -> Derived:
+    def derive_once(run: Path, *given: object) -> DerivedResults:
         _, _, recipe, _ = given
         files = sorted(path for path in run.rglob("*") if path.is_file())
         held = [(path.relative_to(run).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest()) for path in files]
@@ -56,7 +56,7 @@ def _derived_once() -> Iterator[None]:
         return derived[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(validating, "derive", derive_once)
+        patch.setattr(validation, "derive", derive_once)
         yield
 
 
@@ -411,7 +411,7 @@ def test_the_place_of_unpacking_is_not_said(changed: Try) -> None:
 def test_another_library_of_pictures_is_said_and_not_blamed(packed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What hangs on the bytes that a library makes is left out by name; every number is still compared."""
     here = {"matplotlib": "0", "pillow": "0", "webp": "0", "zlib": "0"}
-    monkeypatch.setattr("eyechart.bundle.validating.drawn_with", lambda: here)
+    monkeypatch.setattr("eyechart.bundle.validation.drawn_with", lambda: here)
     found = validate(packed)
     assert not found.holds
     assert (found.differences, found.outcome) == ([], "holds, drawings and pictures not compared")

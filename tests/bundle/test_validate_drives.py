@@ -16,7 +16,7 @@ import banks
 import drives
 from bundles import Change, edited, in_results, opened_ledger, repacked
 from eyechart import episodes
-from eyechart.bundle import Again, Validation, validate, write_bundle
+from eyechart.bundle import ReplayCheck, Validation, validate, write_bundle
 from eyechart.bundle import drives as checked
 from eyechart.episodes import EPISODES, read_manifest
 from eyechart.errors import SpecError
@@ -24,7 +24,7 @@ from eyechart.manifest import RUN
 from eyechart.studies import hierarchy, prompts
 from eyechart.studies.closed_loop.study import score
 from eyechart.studies.structured import online
-from eyechart.studies.structured.online import Vetted
+from eyechart.studies.structured.online import WorldCheck
 
 pytestmark = pytest.mark.slow
 
@@ -77,7 +77,7 @@ def _hierarchy(folder: Path) -> Path:
 
 
 def _online(folder: Path, seeds: tuple[int, ...] = (0,)) -> Path:
-    passed = tuple(Vetted("offset", seed, 24, "goal", {"STRAIGHT": 1}, 0.0) for seed in seeds)
+    passed = tuple(WorldCheck("offset", seed, 24, "goal", {"STRAIGHT": 1}, 0.0) for seed in seeds)
     planned = online.plan("rover", ["scripted:scene_side_blind"], folder / "run", episodes=len(seeds), vetted=passed)
     simulator, view = online.open_simulator("rover"), planned.episodes.drivers.view
     online.run(replace(planned, vetted=tuple(online.vet(simulator, "offset", seed, view) for seed in seeds)))
@@ -140,7 +140,7 @@ def test_a_sample_bounds_the_worlds_that_are_vetted_again(tmp_path: Path) -> Non
     """As it does the episodes; what is left out is said, and the bound counts what is done."""
     write_bundle(_online(tmp_path, (0, 1)), tmp_path / "online.zip", resamples=100)
     heard: list[str] = []
-    found = validate(tmp_path / "online.zip", again=Again(sample=1, announce=heard.append))
+    found = validate(tmp_path / "online.zip", again=ReplayCheck(sample=1, announce=heard.append))
     assert (found.differences, found.compared["vetted worlds"]) == ([], 1)
     assert "1 of 2 vetted worlds" in found.uncompared
     assert "1 world vetted again" in heard[0]
@@ -433,7 +433,7 @@ def test_the_marginal_of_a_driver_of_the_run_is_held_to_that_drivers_decisions(t
 def test_what_is_not_driven_again_is_said(packed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By a sample that was asked for, or by the bound of the work."""
     heard: list[str] = []
-    found = validate(packed, again=Again(sample=1, announce=heard.append))
+    found = validate(packed, again=ReplayCheck(sample=1, announce=heard.append))
     assert found.outcome == "holds, 2 of 3 episodes of rover not compared"
     assert (found.compared["episodes driven again"], found.differences) == (1, [])
     assert re.match(r"driving 1 of 3 episodes of rover again: \d+ steps in 1 process, none longer than 30 s", heard[0])

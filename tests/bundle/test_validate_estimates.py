@@ -111,6 +111,6 @@ def test_a_run_under_another_reader_is_refused_without_reread(
 ) -> None:
     """As the score refuses it."""
     run: Callable[..., object] = write_bundle
-    monkeypatch.setattr("eyechart.studies.structured.scoring.SCENE_READERS", (99,))
+    monkeypatch.setattr("eyechart.studies.structured.scores.SCENE_READERS", (99,))
     with pytest.raises(LedgerError, match="begun under version"):
         run(packed.parent / "run", tmp_path / "x.zip")

@@ -12,7 +12,7 @@ import pytest
 import banks
 import stand_ins
 from bundles import repacked
-from eyechart.bundle import validate, validating, write_bundle
+from eyechart.bundle import validate, validation, write_bundle
 from eyechart.errors import BundleError
 from report_runs import make_run
 
@@ -53,7 +53,7 @@ def deep(name: str) -> Callable[[Path], None]:
 def many_frames(folder: Path) -> None:
     """Make a bank of the same frame, more often than any bank has frames."""
     file = folder / "run" / "bank" / "metadata.jsonl"
-    file.write_bytes(b"{}\n" * (validating.MOST_FRAMES + 1))
+    file.write_bytes(b"{}\n" * (validation.MOST_FRAMES + 1))
 
 
 STRANGE = {

@@ -13,7 +13,7 @@ import pytest
 
 import tiny_worlds
 from eyechart import attempts, cli, episodes
-from eyechart.episodes import Episode, planning, read_episodes, write_episodes
+from eyechart.episodes import Episode, plans, read_episodes, write_episodes
 from eyechart.errors import SpecError
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import score
@@ -112,7 +112,7 @@ def test_a_world_that_kills_or_hangs_its_sample_costs_the_estimate_alone(
     assert told.code == 1
     ended = {one.key.scenario: one.ended for one in read_episodes(tmp_path / "run")}
     assert ended == {"fatal": "error", "whole": "goal"}
-    monkeypatch.setattr(planning, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(plans, "PATIENCE_S", 1.0)
     hung = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "hanging", "--seeds", 1, "--dry-run")
     assert (hung.code, "tiny/hanging/0: it did not answer for 1 s" in hung.err) == (0, True)
     raised = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "raising", "--seeds", 1, "--dry-run")
@@ -148,7 +148,7 @@ def test_episodes_that_cannot_be_written_end_the_run_with_the_place_and_a_way_on
     def full(*_: object) -> None:
         raise OSError(27, "File too large")
 
-    monkeypatch.setattr(episodes.planning, "write_episodes", full)
+    monkeypatch.setattr(episodes.plans, "write_episodes", full)
     told = drive("--policy", "oracle", "--scenarios", "whole", "--seeds", 1)
     assert told.code == 2
     why = "no file may be longer here (ulimit -f)"

@@ -12,7 +12,7 @@ import banks
 import report_runs
 import stand_ins
 from eyechart.cli.app import app
-from eyechart.report.names import shorten
+from eyechart.report.short_names import shorten
 
 NAMES = {
     f"{'served/from/a/long/path/' * 2}{middle}{'/checkpoints/of/a/training' * 3}"[:112]: respond

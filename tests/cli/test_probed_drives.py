@@ -116,7 +116,7 @@ def test_the_hierarchy_is_probed_once_for_all_of_its_runs(tmp_path: Path, monkey
         "primary-models": Part("tiny", (), ("whole",), 1, models=True),
         "lateral-models": Part("tiny", (), ("whole",), 1, ("blank",), models=True),
     }
-    for room in (hierarchy, hierarchy.planning, hierarchy.scoring):
+    for room in (hierarchy, hierarchy.plans, hierarchy.scores):
         monkeypatch.setattr(room, "PARTS", small)
     words = ("run", "hierarchy", "--policy", MODEL, "--out", tmp_path, "--processes", 1)
     with served(only_new_tokens=True) as server:
@@ -141,7 +141,7 @@ def test_a_hierarchy_with_episodes_in_error_says_so_and_names_its_runs(
         "primary": Part("tiny", ("oracle",), ("whole", "black"), 1),
         "primary-models": Part("tiny", (), ("whole",), 1, models=True),
     }
-    for room in (hierarchy, hierarchy.planning, hierarchy.scoring, hierarchy_tables):
+    for room in (hierarchy, hierarchy.plans, hierarchy.scores, hierarchy_tables):
         monkeypatch.setattr(room, "PARTS", small)
     words = ("run", "hierarchy", "--policy", "python:tiny_worlds:onward", "--out", tmp_path, "--processes", 1)
     assert call(*words, "--max-calls", 1).exit_code == 3
@@ -176,7 +176,7 @@ def test_what_a_probe_took_that_failed_counts_towards_the_limit_of_every_repeat(
 ) -> None:
     """So that the same command over and over asks no more than it may; and the model is probed anew each time."""
     small = {"primary": Part("tiny", ("oracle",), ("whole",), 1), "more": Part("tiny", (), ("whole",), 1, models=True)}
-    for room in (hierarchy, hierarchy.planning, hierarchy.scoring):
+    for room in (hierarchy, hierarchy.plans, hierarchy.scores):
         monkeypatch.setattr(room, "PARTS", small)
     words = ("run", "hierarchy", "--policy") if name == "hierarchy" else words_of(name, bank)
     with FaultServer([Locked()]) as server:

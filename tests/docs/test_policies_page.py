@@ -8,8 +8,8 @@ import pytest
 from eyechart.conditions.policies import conditions_of
 from eyechart.models.policy_callable import DECLARED
 from eyechart.simulators import open_bank_simulator
-from eyechart.verdicts.channels import AXES
 from eyechart.verdicts.labels import GUARDS
+from eyechart.verdicts.policy_verdict import AXES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "policies.md").read_text(encoding="utf-8")

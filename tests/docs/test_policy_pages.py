@@ -9,8 +9,8 @@ from typer.main import get_command
 from eyechart.cli.app import app
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
-from eyechart.verdicts.channels import AXES
 from eyechart.verdicts.labels import GUARDS
+from eyechart.verdicts.policy_verdict import AXES
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = {name: (DOCS / f"policy-{name}.md").read_text(encoding="utf-8") for name in ("lerobot", "channel")}

@@ -11,10 +11,10 @@ from eyechart.frames import LEAD_GAP
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts import LABELS, LATERAL, PAPER_LABELS
-from eyechart.verdicts.calibrated import DISTANCE, LATERAL_AXIS
+from eyechart.verdicts.battery_rules import DISTANCE, LATERAL_AXIS
 from eyechart.verdicts.paper import PAPER
 
 ROOT = Path(__file__).parents[2]

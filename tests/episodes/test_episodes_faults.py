@@ -13,7 +13,7 @@ import pytest
 
 import tiny_worlds
 from eyechart import episodes as study
-from eyechart.episodes import Bounds, Episode, planning, read_episodes
+from eyechart.episodes import Bounds, Episode, plans, read_episodes
 from eyechart.episodes.workers import LocalWorker
 from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
@@ -88,7 +88,7 @@ def test_a_process_that_dies_once_is_survived(tmp_path: Path, monkeypatch: pytes
 
 def test_a_step_that_never_returns_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """After so many seconds without a sign of life."""
-    monkeypatch.setattr(planning, "LocalWorker", partial(LocalWorker, patience_s=8.0))
+    monkeypatch.setattr(plans, "LocalWorker", partial(LocalWorker, patience_s=8.0))
     found = drive(tmp_path / "run", "oracle", scenarios=["hanging", "whole"], processes=2)
     assert "did not answer for 8 s" in found["oracle", "hanging"].detail
     assert found["oracle", "whole"].ended == "goal"

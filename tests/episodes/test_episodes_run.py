@@ -9,7 +9,7 @@ import pytest
 import banks
 from eyechart import episodes as study
 from eyechart.calls import CallKey
-from eyechart.episodes import Bounds, Episode, Episodes, read_episodes, read_manifest, write_episodes
+from eyechart.episodes import Bounds, Episode, EpisodesRun, read_episodes, read_manifest, write_episodes
 from eyechart.episodes.records import recorded
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
@@ -23,7 +23,7 @@ LOOK = "python:tiny_worlds:look"
 SILENT = "python:tiny_worlds:silent"
 
 
-def planned(out: Path, *specs: str, seeds: int = 2, **asked: object) -> Episodes:
+def planned(out: Path, *specs: str, seeds: int = 2, **asked: object) -> EpisodesRun:
     """Plan these drivers in the whole tiny world; what is asked goes to its worlds or to the plan."""
     worlds = {name: asked.pop(name) for name in ("seed", "max_steps") if name in asked}
     asked = {"scenarios": ["whole"], "seeds": range(seeds), **asked}

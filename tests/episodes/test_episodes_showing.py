@@ -8,7 +8,7 @@ import pytest
 import tiny_worlds
 from eyechart.conditions import OF_WORLDS, require_shown
 from eyechart.episodes import EpisodeKey
-from eyechart.episodes.worlds import POOL_SEEDS, Setup, Shown, Worlds
+from eyechart.episodes.worlds import POOL_SEEDS, EpisodeView, Setup, Worlds
 from eyechart.errors import SpecError
 from eyechart.frames import MAIN, RGB, alone, decode
 from eyechart.spaces.space import Decision
@@ -22,7 +22,7 @@ def pictures(condition: str, *, policy: str = "m", seed: int = 1, run: int = 0, 
     shown = [worlds.open(key)]
     shown += [worlds.act(key, GO) for _ in range(steps - 1)]
     worlds.close(key)
-    return [decode(one.stimulus.images[MAIN], one.frame) for one in shown if isinstance(one, Shown)]
+    return [decode(one.stimulus.images[MAIN], one.frame) for one in shown if isinstance(one, EpisodeView)]
 
 
 def same(one: list[RGB], other: list[RGB]) -> bool:
@@ -90,7 +90,7 @@ def test_a_moment_shows_the_highway_of_the_banks(tmp_path: Path) -> None:
     del tmp_path
     worlds, key = Worlds(Setup("highway", 0)), EpisodeKey("m", "highway", "merge", 2)
     shown = worlds.open(key)
-    assert isinstance(shown, Shown)
+    assert isinstance(shown, EpisodeView)
     assert np.array_equal(
         decode(shown.stimulus.images[MAIN], "x"), open_simulator("highway").drive("merge", 2).picture()
     )

@@ -9,7 +9,7 @@ import pytest
 from eyechart import attempts
 from eyechart import episodes as study
 from eyechart.calls import Reply
-from eyechart.episodes import Bounds, Episode, EpisodeKey, Episodes, read_episodes
+from eyechart.episodes import Bounds, Episode, EpisodeKey, EpisodesRun, read_episodes
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits
@@ -32,14 +32,14 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(attempts, "pause_s", lambda *_: 0.0)
 
 
-def rover(out: Path, base_url: str) -> Episodes:
+def rover(out: Path, base_url: str) -> EpisodesRun:
     """Plan one drive a fault, under the controller that knows the obstacles."""
     mode = RequestMode(SPEC, base_url=base_url, timeout_s=1.0, seed=True)
     seeds = tuple(WORLDS.values())
     return study.plan(study.Setup("rover-mpc", silence="fail-safe"), [mode], out, scenarios=["single"], seeds=seeds)
 
 
-def server(plan: Episodes) -> FaultServer:
+def server(plan: EpisodesRun) -> FaultServer:
     """Return a planner that drives STRAIGHT, and in each world fails in another way at the same decisions."""
     dealt = {}
     for key in plan.keys:
@@ -163,7 +163,7 @@ def absent(prompt: str, image: bytes) -> Reply:
     return Reply(error="connection")
 
 
-def tiny(out: Path, model: str, silence: str = "fail-safe", seeds: int = 1) -> Episodes:
+def tiny(out: Path, model: str, silence: str = "fail-safe", seeds: int = 1) -> EpisodesRun:
     """Plan drives in tiny worlds."""
     SAID.clear()
     worlds = study.Setup("tiny", silence=silence)

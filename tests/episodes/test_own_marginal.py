@@ -7,7 +7,7 @@ import pytest
 
 import tiny_worlds
 from eyechart import episodes as study
-from eyechart.episodes import Bounds, Episodes, read_episodes, read_manifest
+from eyechart.episodes import Bounds, EpisodesRun, read_episodes, read_manifest
 from eyechart.episodes.records import decided_by
 from eyechart.errors import SpecError
 from eyechart.limits import Limits
@@ -25,7 +25,9 @@ def corridors(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(SIMULATORS, name, place)
 
 
-def planned(out: Path, *specs: str, seeds: int = 2, conditions: tuple[str, ...] = ("real",), **how: bool) -> Episodes:
+def planned(
+    out: Path, *specs: str, seeds: int = 2, conditions: tuple[str, ...] = ("real",), **how: bool
+) -> EpisodesRun:
     """Plan these drivers in the whole tiny world, models beside their own marginals."""
     drivers = study.with_marginals(specs, conditions, out, **how)
     return study.plan(study.Setup("tiny"), drivers, out, scenarios=["whole"], seeds=range(seeds), conditions=conditions)

@@ -9,7 +9,7 @@ from corridors import corridor_run, open_corridors
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import read_drives
 from eyechart.studies.closed_loop.film import write_film
-from eyechart.studies.closed_loop.replaying import find_episode
+from eyechart.studies.closed_loop.replay import find_episode
 
 pytestmark = pytest.mark.models
 

@@ -210,15 +210,15 @@ def test_a_batch_too_large_for_the_memory_is_made_smaller(bank: FrameBank, monke
 
     asked, sizes = queries(bank)[:32], []
     plain = together(opened("organism:grounded"), asked)
-    generate = generation.Speaker._generate
+    generate = generation.TextGenerator._generate
 
-    def small(speaker: generation.Speaker, batch: Sequence[Query], inputs: object) -> list[Reply]:
+    def small(speaker: generation.TextGenerator, batch: Sequence[Query], inputs: object) -> list[Reply]:
         sizes.append(len(batch))
         if len(batch) > 8:
             raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB")
         return generate(speaker, batch, inputs)
 
-    monkeypatch.setattr(generation.Speaker, "_generate", small)
+    monkeypatch.setattr(generation.TextGenerator, "_generate", small)
     assert together(opened("organism:grounded", options={"batch": 16}), asked) == plain
     assert sum(size > 8 for size in sizes) == 1
 
@@ -227,11 +227,11 @@ def test_no_memory_for_one_query_is_a_reply(bank: FrameBank, monkeypatch: pytest
     """It says so, and what to do."""
     import torch  # noqa: PLC0415 - an extra
 
-    def never(speaker: generation.Speaker, batch: Sequence[Query], inputs: object) -> list[Reply]:
+    def never(speaker: generation.TextGenerator, batch: Sequence[Query], inputs: object) -> list[Reply]:
         del speaker, batch, inputs
         raise torch.OutOfMemoryError("CUDA out of memory.")
 
-    monkeypatch.setattr(generation.Speaker, "_generate", never)
+    monkeypatch.setattr(generation.TextGenerator, "_generate", never)
     for reply in together(opened("organism:grounded"), queries(bank)[:3]):
         assert reply.error == "exception"
         assert reply.error_detail.startswith("out of memory with one query: take a smaller dtype or another device")

@@ -18,7 +18,7 @@ from data_sets import CAMERA, REAR, arm, arrow, describe, film, first_rows, lero
 from eyechart.cli.app import app
 from eyechart.errors import EyechartError, SourceError
 from eyechart.frames import FrameBank, check, decode, open_bank
-from eyechart.importing import Ahead, Choices, costs, import_lerobot
+from eyechart.importing import Choices, Horizon, costs, import_lerobot
 from eyechart.importing.costs import taken
 from eyechart.importing.layout import video_of
 
@@ -31,7 +31,7 @@ STATE, ACTION = "observation.state", "action"
 
 def bank_of(root: Path, out: str = "bank", *, every: int = 1, camera: str | None = None) -> FrameBank:
     """Import a data set for policies of two steps."""
-    ahead = Ahead(2, "absolute")
+    ahead = Horizon(2, "absolute")
     return import_lerobot(root, root.parent / out, Choices(every=every), camera=camera, ahead=ahead)
 
 
@@ -456,8 +456,8 @@ def test_places_of_another_unit_or_frame_are_asked_for(tmp_path: Path) -> None:
             place = table.schema.get_field_index(ACTION)
             pq.write_table(table.set_column(place, ACTION, pa.array(done.tolist())), path)
         with pytest.raises(SourceError, match=r"the data do not show the kind of the numbers of 'action'"):
-            import_lerobot(tmp_path / name, tmp_path / "bank", Choices(), ahead=Ahead(2))
-        bank = import_lerobot(tmp_path / name, tmp_path / f"{name}-bank", Choices(), ahead=Ahead(2, "absolute"))
+            import_lerobot(tmp_path / name, tmp_path / "bank", Choices(), ahead=Horizon(2))
+        bank = import_lerobot(tmp_path / name, tmp_path / f"{name}-bank", Choices(), ahead=Horizon(2, "absolute"))
         assert bank.manifest.motion is not None
         assert bank.manifest.motion.kind == "absolute"
         assert costs(bank)
@@ -488,7 +488,7 @@ def test_a_snapshot_in_the_cache_of_the_hub_is_read(tmp_path: Path) -> None:
     arm(tmp_path / "set", inside=False)
     plain = bank_of(tmp_path / "set", "plain")
     snapshot = in_cache(tmp_path / "set", tmp_path / "cache")
-    bank = import_lerobot(snapshot, tmp_path / "bank", Choices(), ahead=Ahead(2, "absolute"))
+    bank = import_lerobot(snapshot, tmp_path / "bank", Choices(), ahead=Horizon(2, "absolute"))
     assert bank.manifest.fingerprint == plain.manifest.fingerprint
 
 
@@ -616,13 +616,13 @@ READ = """
 import json, os, sys
 from pathlib import Path
 from eyechart.errors import SourceError
-from eyechart.importing import Ahead, Choices, import_lerobot
+from eyechart.importing import Horizon, Choices, import_lerobot
 root, *names = map(Path, sys.argv[1:])
 for name in names:
     kept = (root / name).rename(root / "kept")
     os.mkfifo(root / name)
     try:
-        import_lerobot(root, root.parent / "bank", Choices(), ahead=Ahead(2, "absolute"))
+        import_lerobot(root, root.parent / "bank", Choices(), ahead=Horizon(2, "absolute"))
     except SourceError as error:
         print(error)
     (root / name).unlink()
@@ -635,7 +635,7 @@ for made in (text[:-1] + ',"pad":[' + "[]," * 20_000_000 + "1]}", json.dumps({**
     path.write_text(made)
     del made
     try:
-        import_lerobot(root, root.parent / "bank", Choices(), ahead=Ahead(2, "absolute"))
+        import_lerobot(root, root.parent / "bank", Choices(), ahead=Horizon(2, "absolute"))
     except SourceError as error:
         print(error)
 """

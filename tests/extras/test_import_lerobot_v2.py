@@ -10,15 +10,15 @@ import pytest
 from data_sets import CAMERA, REAR, arm, arrow, describe, first_rows, lerobot, of_episodes, rewrite, write_lines
 from eyechart.errors import EyechartError, SourceError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.importing import Ahead, Choices, import_lerobot
+from eyechart.importing import Choices, Horizon, import_lerobot
 from eyechart.importing.costs import taken
 
 pytestmark = pytest.mark.models
 
-AHEAD = Ahead(2, "absolute")
+AHEAD = Horizon(2, "absolute")
 
 
-def bank_of(root: Path, out: str = "bank", ahead: Ahead = AHEAD) -> FrameBank:
+def bank_of(root: Path, out: str = "bank", ahead: Horizon = AHEAD) -> FrameBank:
     """Import a data set for policies."""
     return import_lerobot(root, root.parent / out, Choices(), ahead=ahead)
 
@@ -166,10 +166,10 @@ def test_state_and_action_are_found_by_their_usual_names_or_by_those_that_are_gi
     renamed(tmp_path / "set", {"state": "proprio", "actions": "control"})
     with pytest.raises(SourceError, match=r"lists no feature 'action' .*; name the feature, .* action"):
         bank_of(tmp_path / "set", "unnamed")
-    given = Ahead(2, "absolute", ("proprio",), ("control",))
+    given = Horizon(2, "absolute", ("proprio",), ("control",))
     assert [(one.state, one.motion) for one in bank_of(tmp_path / "set", "given", given)] == usual
     with pytest.raises(SourceError, match=r"state propio: .* no such feature .*proprio"):
-        bank_of(tmp_path / "set", "misspelt", Ahead(2, "absolute", ("propio",), ("control",)))
+        bank_of(tmp_path / "set", "misspelt", Horizon(2, "absolute", ("propio",), ("control",)))
 
 
 def test_a_state_in_parts_is_one_state(tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_a_state_in_parts_is_one_state(tmp_path: Path) -> None:
 
 def test_names_of_features_need_motions() -> None:
     """A bank of answers has no state."""
-    from eyechart.cli.frames import Described  # noqa: PLC0415 - what the command line gives
+    from eyechart.cli.frames import SourceDescription  # noqa: PLC0415 - what the command line gives
 
     with pytest.raises(SpecError, match="--state describes the motions of --horizon: give --horizon too"):
-        Described(state="proprio").own()
+        SourceDescription(state="proprio").own()

@@ -18,9 +18,9 @@ from eyechart.conditions import show
 from eyechart.conditions.policies import conditions_of
 from eyechart.errors import BankError, SourceError, SpecError
 from eyechart.frames import FrameBank, check, decode, open_bank
-from eyechart.importing import Ahead, Choices, costs, import_lerobot, import_table, read_rig
+from eyechart.importing import Choices, Horizon, costs, import_lerobot, import_table, read_rig
 from eyechart.importing.costs import taken
-from eyechart.importing.notes import notes
+from eyechart.importing.log_warnings import notes
 from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import read_space
 from eyechart.spaces.motion import Kind
@@ -345,7 +345,7 @@ def test_what_is_no_data_set_or_no_bank_is_told_what_to_give(tmp_path: Path, mon
 def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, inside: bool) -> None:
     """All its cameras but one of depths, its state, its task, and the actions that follow; videos or Parquet alike."""
     arm(tmp_path / "set", inside=inside)
-    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=3), ahead=Ahead(4, "absolute"))
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(every=3), ahead=Horizon(4, "absolute"))
     assert check(bank.root) == []
     assert not [line for line in taken(bank) if line.startswith("warning")]
     space = bank.manifest.motion
@@ -375,7 +375,7 @@ def test_episodes_of_a_data_set_that_are_there_twice_are_imported_once(tmp_path:
     for name in ("observation.state", "action"):
         second = second.set_column(second.schema.get_field_index(name), name, first[name])
     pq.write_table(second, other, row_group_size=13)
-    apart = import_lerobot(tmp_path / "set", tmp_path / "apart", Choices(), ahead=Ahead(4, "delta"))
+    apart = import_lerobot(tmp_path / "set", tmp_path / "apart", Choices(), ahead=Horizon(4, "delta"))
     assert len(apart) == 80
     for name in (CAMERA, REAR):
         if inside:
@@ -384,12 +384,12 @@ def test_episodes_of_a_data_set_that_are_there_twice_are_imported_once(tmp_path:
         else:
             reel = tmp_path / "set" / "videos" / name / "chunk-000"
             shutil.copy(reel / "file-000.mp4", reel / "file-001.mp4")
-    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Horizon(4, "delta"))
     assert [frame.id for frame in bank] == [frame.id for frame in apart][:40]
     assert check(bank.root) == []
     said = "4 episodes repeat others: '4' is '0', '5' is '1', '6' is '2', '7' is '3' (same pictures and numbers)"
     assert any(line.startswith(said) for line in taken(bank))
-    kept = import_lerobot(tmp_path / "set", tmp_path / "kept", Choices(keep_repeats=True), ahead=Ahead(4, "delta"))
+    kept = import_lerobot(tmp_path / "set", tmp_path / "kept", Choices(keep_repeats=True), ahead=Horizon(4, "delta"))
     assert kept.manifest.fingerprint == apart.manifest.fingerprint
 
 
@@ -418,10 +418,10 @@ def test_tasks_without_words_are_no_bank_without_an_instruction(
     arm(tmp_path / "set", inside=True)
     tasks(tmp_path / "set", words)
     with pytest.raises(SourceError, match=said) as refused:
-        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Horizon(4, "delta"))
     assert "\n" not in str(refused.value)
     named = import_lerobot(
-        tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Ahead(4, "delta")
+        tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Horizon(4, "delta")
     )
     assert {one for frame in named for one in frame.fields.values()} == {0, 1}
 
@@ -446,7 +446,7 @@ numbers = { speed = { sign = -1, about = 0.5 } }
 def robot(folder: Path) -> FrameBank:
     """Import a data set with the rig beside it."""
     rig = read_rig(folder / "rig.toml", of_table=False)
-    ahead = Ahead(4, "absolute")
+    ahead = Horizon(4, "absolute")
     return import_lerobot(folder / "set", folder / "bank", Choices(every=3, rig=rig), ahead=ahead)
 
 
@@ -494,7 +494,7 @@ def test_the_kind_of_actions_is_told_by_the_data_whatever_their_names(
 ) -> None:
     """Places relative to the joint of the same place, or changes; the import says which, and the ratio."""
     reach(tmp_path / "set", names, changes=changes)
-    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(2))
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Horizon(2))
     space, kind = bank.manifest.motion, "delta" if changes else "absolute"
     assert space is not None
     assert space.kind == kind
@@ -508,7 +508,7 @@ def test_a_kind_that_the_data_deny_is_taken_with_a_warning(tmp_path: Path, kind:
     for changes in (False, True):
         reach(tmp_path / f"set-{changes}", {}, changes=changes)
         bank = import_lerobot(
-            tmp_path / f"set-{changes}", tmp_path / f"bank-{changes}", Choices(), ahead=Ahead(2, kind)
+            tmp_path / f"set-{changes}", tmp_path / f"bank-{changes}", Choices(), ahead=Horizon(2, kind)
         )
         assert bank.manifest.motion is not None
         assert bank.manifest.motion.kind == kind
@@ -528,13 +528,13 @@ def test_what_the_data_do_not_tell_is_as_the_names_say_or_asked_for(tmp_path: Pa
             done = pa.array((states + noise * states.std(axis=0)).tolist())
             table = table.set_column(table.schema.get_field_index("action"), "action", done)
             pq.write_table(table, path)
-    bank = import_lerobot(tmp_path / "same", tmp_path / "bank", Choices(), ahead=Ahead(3))
+    bank = import_lerobot(tmp_path / "same", tmp_path / "bank", Choices(), ahead=Horizon(3))
     assert bank.manifest.motion is not None
     assert bank.manifest.motion.kind == "absolute"
     (said,) = (line for line in taken(bank) if line.startswith("kind: absolute, as the names say; the data do not"))
     assert said.endswith("--kind declares another")
     with pytest.raises(SourceError, match=r"the data do not show the kind of the numbers of 'action' .* give it with"):
-        import_lerobot(tmp_path / "others", tmp_path / "refused", Choices(), ahead=Ahead(3))
+        import_lerobot(tmp_path / "others", tmp_path / "refused", Choices(), ahead=Horizon(3))
     assert not (tmp_path / "refused").exists()
 
 
@@ -547,7 +547,7 @@ def test_a_number_of_actions_that_hardly_varies_is_said_with_what_can_be_done(tm
         done = np.array(table["action"].to_pylist()) * [1, 1e-6]
         table = table.set_column(table.schema.get_field_index("action"), "action", pa.array(done.tolist()))
         pq.write_table(table, path)
-    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(2))
+    bank = import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Horizon(2))
     said, alike = notes(bank)
     assert alike.startswith("cameras 'front' and 'rear' show the same picture in 80 of 80 moments")
     assert said.startswith("'speed' varies by 1e-06, the others by ")
@@ -560,7 +560,7 @@ def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path:
     kinds: tuple[Kind, ...] = ("delta", "velocity")
     spaces = [
         import_lerobot(
-            tmp_path / "set", tmp_path / kind, Choices(), ahead=Ahead(2, kind), camera=CAMERA
+            tmp_path / "set", tmp_path / kind, Choices(), ahead=Horizon(2, kind), camera=CAMERA
         ).manifest.motion
         for kind in kinds
     ]
@@ -593,6 +593,6 @@ def test_pictures_inside_parquet_that_are_none_are_one_line(tmp_path: Path, what
         changed = table.drop_columns([CAMERA, REAR]) if what == "no column" else table.set_column(place, REAR, column)
         pq.write_table(changed, path)
     with pytest.raises(SourceError, match=said) as refused:
-        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Ahead(4, "delta"))
+        import_lerobot(tmp_path / "set", tmp_path / "bank", Choices(), ahead=Horizon(4, "delta"))
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "bank").exists()

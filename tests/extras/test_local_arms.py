@@ -18,9 +18,9 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank, Stimulus, encode
 from eyechart.models import open_model
-from eyechart.models.huggingface import HuggingFaceModel, generation, loading, organisms
+from eyechart.models.huggingface import HuggingFaceModel, generation, organisms, weights
 from eyechart.models.huggingface.checkpoint import edge_models
-from eyechart.models.huggingface.loading import Loading, Weights, weigh, weights_by_type
+from eyechart.models.huggingface.weights import LoadSettings, Weights, weigh, weights_by_type
 from eyechart.modes import RequestMode
 from tiny_checkpoints import EDGE, published
 
@@ -100,14 +100,14 @@ def test_weights_are_gone_before_the_next_model_loads_its_own(
     """In a run of three checkpoints by the default, at every loading no other network lives; together they all do."""
     alive: weakref.WeakSet[torch.nn.Module] = weakref.WeakSet()
     seen: list[int] = []
-    load = generation.Speaker._load
+    load = generation.TextGenerator._load
 
-    def noting(speaker: generation.Speaker) -> None:
+    def noting(speaker: generation.TextGenerator) -> None:
         seen.append(len(alive))
         load(speaker)
         alive.add(speaker._model)
 
-    monkeypatch.setattr(generation.Speaker, "_load", noting)
+    monkeypatch.setattr(generation.TextGenerator, "_load", noting)
     specs = [f"hf:organism:{name}" for name in ("blind", "presence_only", "grounded")]
     how: dict[str, Any] = {"conditions": ("real", "real_repeat", "blank"), "limit": 3}
     one = run_battery(bank, specs, tmp_path / "one", **how)
@@ -171,7 +171,7 @@ def test_a_package_that_is_missing_is_named(package: str, monkeypatch: pytest.Mo
             raise PackageNotFoundError(name)
         return "1"
 
-    monkeypatch.setattr(loading, "version", found)
+    monkeypatch.setattr(weights, "version", found)
     with pytest.raises(SpecError, match=rf"bits=4 needs {package}: pip install {package}$"):
         opened("organism:grounded", options={"bits": 4})
 
@@ -199,7 +199,7 @@ def test_precision_is_part_of_what_answers(bank: FrameBank, tmp_path: Path, monk
             run_battery(bank, [RequestMode(spec, options=other)], tmp_path / "run", **how)  # type: ignore[arg-type]
 
     run_battery(bank, [spec], tmp_path / "default", **how)  # type: ignore[arg-type]
-    monkeypatch.setattr(loading, "_choose_dtype", lambda *_: "bfloat16")  # as on a GPU, where the checkpoint's own is
+    monkeypatch.setattr(weights, "_choose_dtype", lambda *_: "bfloat16")  # as on a GPU, where the checkpoint's own is
     with pytest.raises(LedgerError, match=r"at version .*, which is now .* bfloat16"):
         run_battery(bank, [spec], tmp_path / "default", **how)  # type: ignore[arg-type]
 
@@ -241,26 +241,26 @@ def test_weights_are_weighed_before_they_are_loaded(tmp_path: Path) -> None:
 def test_what_weights_take_is_parameters_times_bytes() -> None:
     """Of packed ones 4.5 bits each with their scales; what the Hub tells by type is taken, and packed is not known."""
     whole = Weights(7_000_000_000, 14_000_000_000, 6_500_000_000)
-    assert Loading("cpu", "float32").gigabytes(whole) == 28.0
-    assert Loading("cuda", "float16").gigabytes(whole) == 14.0
-    assert Loading("cuda", "float16", bits=8).gigabytes(whole) == 7.5
-    assert Loading("cuda", "float16", bits=4).gigabytes(whole) == pytest.approx(6.5 * 4.5 / 8 + 1.0)
+    assert LoadSettings("cpu", "float32").gigabytes(whole) == 28.0
+    assert LoadSettings("cuda", "float16").gigabytes(whole) == 14.0
+    assert LoadSettings("cuda", "float16", bits=8).gigabytes(whole) == 7.5
+    assert LoadSettings("cuda", "float16", bits=4).gigabytes(whole) == pytest.approx(6.5 * 4.5 / 8 + 1.0)
     told = weights_by_type({"BF16": 2_000, "F32": 10})
     assert told == Weights(2_010, 4_040)
-    assert Loading("cuda", "float16", bits=4).gigabytes(told) is None
-    assert Loading("cuda", "auto").gigabytes(told) == 4_040 / 1e9
+    assert LoadSettings("cuda", "float16", bits=4).gigabytes(told) is None
+    assert LoadSettings("cuda", "auto").gigabytes(told) == 4_040 / 1e9
     assert weights_by_type({}) is None
 
 
 def test_weights_that_do_not_fit_are_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before any call, with what to do; what there is stands in the manifest."""
-    monkeypatch.setattr(loading, "memory_here_gb", lambda: 1e-4)
+    monkeypatch.setattr(weights, "memory_here_gb", lambda: 1e-4)
     facts = opened("organism:grounded").facts
     assert facts["memory_gb"] == "0.0001"
     assert facts["warning"].startswith(
         "its weights alone take 0.0 GB as float32, the memory is 0.0 GB: load it smaller"
     )
-    monkeypatch.setattr(loading, "memory_here_gb", lambda: None)
+    monkeypatch.setattr(weights, "memory_here_gb", lambda: None)
     assert "memory_gb" not in opened("organism:grounded").facts
 
 

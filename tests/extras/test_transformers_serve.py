@@ -100,7 +100,9 @@ def served(server: str, bank: FrameBank, tmp_path_factory: pytest.TempPathFactor
             for name in names
         ]
         out = base / names[0]
-        planned = study.plan(bank.root, modes, out, conditions=conditions, extent=study.Extent(frames, controls="auto"))
+        planned = study.plan(
+            bank.root, modes, out, conditions=conditions, extent=study.BatterySelection(frames, controls="auto")
+        )
         study.run(planned, concurrency=1 if drawn else 4)
         runs |= dict.fromkeys(names, out)
     return runs
@@ -133,7 +135,11 @@ def test_served_greedy_answers_are_equal_to_those_of_hf(
     modes = [RequestMode(f"hf:organism:{name}", temperature=None, max_tokens=16) for name in names]
     study.run(
         study.plan(
-            bank.root, modes, tmp_path / "run", conditions=conditions, extent=study.Extent(frames, controls="auto")
+            bank.root,
+            modes,
+            tmp_path / "run",
+            conditions=conditions,
+            extent=study.BatterySelection(frames, controls="auto"),
         ),
         concurrency=48,
     )

@@ -14,7 +14,7 @@ from eyechart.errors import EyechartError
 from eyechart.importing.answers import read_answer_table
 from eyechart.importing.faults import Faults
 from eyechart.importing.inspect_log import open_log
-from eyechart.importing.layout import Layout
+from eyechart.importing.layout import DataSetLayout
 from eyechart.importing.tables import open_table
 from eyechart.ledger import Ledger
 from eyechart.models.http import Response
@@ -88,7 +88,7 @@ def prompts(data: bytes) -> None:
 def robots(data: bytes) -> None:
     """Read the description of a LeRobotDataset."""
     put("set/meta/info.json", data)
-    Layout(WORK / "set").info()
+    DataSetLayout(WORK / "set").info()
 
 
 def logs(data: bytes) -> None:

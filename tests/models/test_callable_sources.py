@@ -105,7 +105,7 @@ def test_it_is_the_same_wherever_the_folder_lies(eye: str, tmp_path: Path, monke
 def planned(bank: FrameBank, eye: str, out: Path, shard: tuple[int, int] | None = None) -> battery.Battery:
     """Return the plan of a small run."""
     mode = RequestMode(f"python:{eye}:decide")
-    return battery.plan(bank.root, [mode], out, conditions=["real", "blank"], extent=battery.Extent(4, shard))
+    return battery.plan(bank.root, [mode], out, conditions=["real", "blank"], extent=battery.BatterySelection(4, shard))
 
 
 def test_shards_of_two_brains_are_not_merged(bank: FrameBank, eye: str, tmp_path: Path) -> None:

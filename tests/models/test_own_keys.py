@@ -9,8 +9,8 @@ import pytest
 from aiohttp import web
 
 from eyechart.calls import Query
+from eyechart.event_loops import asyncio
 from eyechart.frames import Stimulus, encode
-from eyechart.loops import asyncio
 from eyechart.models import ask, open_model
 from eyechart.modes import RequestMode
 from faults import Loopback

@@ -211,7 +211,7 @@ def _parameters(one: Callable[..., object]) -> dict[str, object]:
     taken: dict[str, inspect.Parameter] = {}
     for name, found in inspect.signature(one).parameters.items():
         passed = get_args(found.annotation) if found.kind is found.VAR_KEYWORD else ()
-        takers = (RequestMode, battery.Extent, battery.plan)
+        takers = (RequestMode, battery.BatterySelection, battery.plan)
         planned = {option: one for taker in takers for option, one in inspect.signature(taker).parameters.items()}
         named = {option: one.replace(kind=found.KEYWORD_ONLY) for option, one in planned.items()}
         off = inspect.Parameter(name, found.KEYWORD_ONLY, default=False)
@@ -240,7 +240,7 @@ def settle(made: Path) -> None:
 
 def main() -> int:
     """Make the tree in the folder that the command line names, which must not be there."""
-    from eyechart.studies.hierarchy.planning import PARTS  # noqa: PLC0415 - 0.1.0 has it there
+    from eyechart.studies.hierarchy.plans import PARTS  # noqa: PLC0415 - the package of 0.1.0 does not name it
 
     root = Path(sys.argv[1]).resolve()
     (root / "made").mkdir(parents=True)

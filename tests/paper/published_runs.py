@@ -25,7 +25,7 @@ from eyechart.run import spread
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.reader import READER
 from eyechart.spaces.scene import HIGHWAY, SCENE_READER, Estimate
-from eyechart.studies.hierarchy.planning import FAMILIES, MPC_ONLY, ORACLE, SIDED
+from eyechart.studies.hierarchy.plans import FAMILIES, MPC_ONLY, ORACLE, SIDED
 from eyechart.studies.structured.online import VETTING
 
 CLOSE, OTHER = 220, 68

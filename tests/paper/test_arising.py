@@ -35,7 +35,7 @@ def ask(bank: FrameBank, tmp_path: Path) -> Ask:
         with Behaving(habit, course) as server:
             mode = RequestMode(MODEL, base_url=server.base_url, seed=True, max_tokens=max_tokens)
             outcome = battery.run(
-                battery.plan(bank.root, [mode], out, extent=battery.Extent(controls="none")), concurrency=16
+                battery.plan(bank.root, [mode], out, extent=battery.BatterySelection(controls="none")), concurrency=16
             )
         assert (outcome.stopped, dict(outcome.set_aside), server.requests) == (None, {}, CALLS)
         score = battery.score(out)

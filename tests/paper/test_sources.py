@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from eyechart.studies.closed_loop.tables import PUBLISHED as LADDER
-from eyechart.studies.hierarchy.scoring import PUBLISHED as INTENT
-from eyechart.studies.hierarchy.scoring import PUBLISHED_MODELS as MODELS
+from eyechart.studies.hierarchy.scores import PUBLISHED as INTENT
+from eyechart.studies.hierarchy.scores import PUBLISHED_MODELS as MODELS
 from eyechart.studies.structured.tables import PAPER as CONTROL
 
 ROOT = Path(__file__).parents[2]
@@ -48,10 +48,10 @@ OURS = {
     "src/eyechart/prompts.py": "and prints none; the wording and the sixth are eyechart's",
     "docs/statistics.md": "a cut that is ours",
     "docs/verdicts.md": "The cuts are ours, because it prints none: the level of .05, the 20 %",
-    "src/eyechart/studies/battery/published.py": "which is ours: the paper prints none",
+    "src/eyechart/studies/battery/paper_statistics.py": "which is ours: the paper prints none",
     "src/eyechart/verdicts/paper.py": "The level is ours: the paper prints none",
     "src/eyechart/verdicts/labels.py": "The cut is ours; no model of the paper comes near",
-    "src/eyechart/simulators/highway/driving.py": "The paper does not say how its bank was driven",
+    "src/eyechart/simulators/highway/drives.py": "The paper does not say how its bank was driven",
 }
 """What the paper does not print, by the words that say so."""
 

@@ -9,10 +9,10 @@ import pytest
 from banks import one
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
-from eyechart.stats import agreement, association, correlation, paired, resampling
+from eyechart.stats import agreement, association, correlation, paired_tests, resamples
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import Published, Resampling
+from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
 
 HERE = Path(__file__).parent
 COPY = HERE / "paper_vectors.json"
@@ -27,7 +27,7 @@ def scored(**columns: list[str]) -> dict[str, Statistic]:
     """Return the paper's statistics of a battery with these decisions, a list a condition, a decision a frame."""
     frames = tuple(one(f"f{i}", ("s", f"e{i}", 0), "vertical", "-") for i in range(len(columns["real"])))
     given = {name: tuple(map(Decision, column)) for name, column in columns.items()}
-    return Published(Answers("m", frames, DRIVING, None, given), Resampling(intervals=False)).statistics()
+    return PaperStatistics(Answers("m", frames, DRIVING, None, given), Resampling(intervals=False)).statistics()
 
 
 def idi_adj(agree_blank: int, disagree_repeat: int, n: int) -> float | None:
@@ -66,10 +66,10 @@ FUNCTIONS: dict[str, Callable[[dict], object]] = {
             "agree.blank"
         ].value
     ),
-    "permutation_p": lambda i: resampling.permutation_p(i["exceedances"], i["resamples"]),
-    "mutual_information_bits": lambda i: resampling.permute_mutual_information(i["table"], seed=0, resamples=1).value,
-    "holm_smallest": lambda i: min(p for p in resampling.holm(i["p"]) if p is not None),
-    "mcnemar_exact": lambda i: paired.mcnemar_exact(i["b"], i["c"]).p,
+    "permutation_p": lambda i: resamples.permutation_p(i["exceedances"], i["resamples"]),
+    "mutual_information_bits": lambda i: resamples.permute_mutual_information(i["table"], seed=0, resamples=1).value,
+    "holm_smallest": lambda i: min(p for p in resamples.holm(i["p"]) if p is not None),
+    "mcnemar_exact": lambda i: paired_tests.mcnemar_exact(i["b"], i["c"]).p,
     "pearson_p": lambda i: correlation.pearson_p(i["r"], i["n"]).p,
     "binary_metrics": lambda i: in_order(
         "acc bal sens spec",

@@ -6,7 +6,7 @@ import pytest
 from eyechart.cameras import ROVER, Eye
 from eyechart.frames import RGB
 from eyechart.perception.forward import ForwardReading, read_forward, view_of
-from eyechart.simulators.camera import Camera, Cylinder
+from eyechart.simulators.camera import Cylinder, RoadCamera
 from eyechart.spaces.scene import safe_action
 
 MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT", "STRAIGHT": "STRAIGHT", "SLOW": "SLOW", "STOP": "STOP"}
@@ -16,7 +16,7 @@ GREEN, RED = ROVER.bodies["green"], ROVER.bodies["red"]
 
 def draw(eye: Eye, *bodies: Cylinder, scenery: str = "meadow", hood: tuple[int, int, int] = GREEN) -> RGB:
     """Return a rover's picture."""
-    return Camera(verge=ROVER.verges[scenery]).draw(eye, bodies, hood=hood)
+    return RoadCamera(verge=ROVER.verges[scenery]).draw(eye, bodies, hood=hood)
 
 
 def read(picture: RGB) -> ForwardReading:
@@ -138,4 +138,4 @@ def test_what_is_no_forward_picture_has_no_view_or_no_reading() -> None:
     ):
         assert view_of(picture) is None
     assert view_of(draw(Eye(0.0, 0.0))) is ROVER
-    assert read_forward(Camera().draw(Eye(0.0, 0.0)), ROVER) is None
+    assert read_forward(RoadCamera().draw(Eye(0.0, 0.0)), ROVER) is None

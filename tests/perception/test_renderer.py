@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eyechart.cameras import PALETTE
-from eyechart.perception.renderer import Reading, read_picture
+from eyechart.perception.renderer import HighwayReading, read_picture
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, safe_action
 
 RED = PALETTE["red"][0]
@@ -148,7 +148,7 @@ def placed(stage: Stage) -> list[Shot]:
     return [*seeded_places(7, 60, stage, 3), *seeded_places(8, 20, Stage(5), 5)]
 
 
-def read(shot: Shot) -> Reading:
+def read(shot: Shot) -> HighwayReading:
     """Return the reading of a picture that must be readable."""
     reading = read_picture(shot.rgb)
     assert reading is not None

@@ -9,10 +9,10 @@ from dataclasses import replace
 import pytest
 
 from eyechart.modes import RequestMode
-from eyechart.probe import Found, ProbeError, default_sample, doctor, probe
+from eyechart.probe import ProbeError, ProbeResult, default_sample, doctor, probe
 from eyechart.probe.arrival import AT_ONCE, FLICKERS, MISSED
 from eyechart.probe.arrival import MOST_CALLS as OF_ARRIVAL
-from eyechart.probe.pinning import MOST_CALLS
+from eyechart.probe.mode_probe import MOST_CALLS
 from eyechart.probe.sample import Sample
 from faults import FaultServer
 from seeing import Endpoint
@@ -29,7 +29,7 @@ def large_sample(kind: str = "PNG") -> Sample:
     return replace(plain, asked=asked)
 
 
-def pinned(endpoint: Endpoint) -> Found:
+def pinned(endpoint: Endpoint) -> ProbeResult:
     """Return what the probe finds of an endpoint that is asked about large pictures."""
     with FaultServer([endpoint]) as server:
         found = probe(RequestMode("openai:m", base_url=server.base_url), sample=large_sample())

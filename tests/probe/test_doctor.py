@@ -16,8 +16,8 @@ from eyechart.modes import RequestMode
 from eyechart.probe import Diagnosis, doctor
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.doctor import MOST_CALLS
+from eyechart.probe.picture_proof import AnsweredQuestion, SightAnswers, said
 from eyechart.probe.pictures import CHOICES, NONE, questions
-from eyechart.probe.sight import Shot, Sight, said
 from faults import FaultServer, answer, completion, refuse
 from seeing import Endpoint, read, served
 
@@ -168,13 +168,13 @@ Say = Callable[[str, random.Random], str]
 DEALS = [questions(seed) for seed in range(10)]
 
 
-def replied(say: Say, number: int) -> Sight:
+def replied(say: Say, number: int) -> SightAnswers:
     """Return a sight of replies that were made up, to one of ten deals."""
     dice = random.Random(number)  # noqa: S311
-    found = Sight()
+    found = SightAnswers()
     for question in DEALS[number % len(DEALS)]:
         reply = Reply(say(question.kind, dice), "stop", seconds=0.1)
-        found.shots.append(Shot(question, reply, said(question.kind, reply)))
+        found.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
     return found
 
 
@@ -185,23 +185,23 @@ GUESSERS: dict[str, Say] = {
 }
 
 
-def looking(again_s: float, again: str = "", later_s: float = 0.5, say: str = "") -> Sight:
+def looking(again_s: float, again: str = "", later_s: float = 0.5, say: str = "") -> SightAnswers:
     """Return a sight of right answers, or of one word, in half a second each; repeats took ``again_s``.
 
     Same words, asked again, took ``later_s``.
     """
-    found, asked = Sight(), set[str]()
+    found, asked = SightAnswers(), set[str]()
     for question in DEALS[0]:
         seconds = later_s if question.words in asked else 0.5
         asked.add(question.words)
         reply = Reply(say or question.answer, "stop", seconds=seconds)
-        found.shots.append(Shot(question, reply, said(question.kind, reply)))
+        found.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
     first = found.shots[0].reply.text
     found.again = [Reply(again or first, "stop", seconds=again_s)] * 2
     return found
 
 
-def causes(sight: Sight) -> str:
+def causes(sight: SightAnswers) -> str:
     """Return the likely causes as one text."""
     return "; ".join(likely_causes(sight, RequestMode("openai:m"), {}))
 

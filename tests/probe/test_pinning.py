@@ -6,8 +6,8 @@ import pytest
 
 from eyechart.models.prices import Price, Prices
 from eyechart.modes import RequestMode, read_mode, write_mode
-from eyechart.probe import Found, ProbeError, default_sample, doctor, probe
-from eyechart.probe.pinning import MOST_CALLS, MOST_TOKENS
+from eyechart.probe import ProbeError, ProbeResult, default_sample, doctor, probe
+from eyechart.probe.mode_probe import MOST_CALLS, MOST_TOKENS
 from eyechart.spaces.discrete import DRIVING
 from faults import FaultServer, Loopback
 from seeing import Endpoint, OllamaEndpoint, served
@@ -15,7 +15,7 @@ from seeing import Endpoint, OllamaEndpoint, served
 PRICED = Prices((Price("openai:m", 1000.0, 1000.0, "2026-01-01", "a test"),))
 
 
-def pinned(prompt: str = "baseline", given: dict[str, object] | None = None, **what: object) -> Found:
+def pinned(prompt: str = "baseline", given: dict[str, object] | None = None, **what: object) -> ProbeResult:
     """Return what the probe finds of an endpoint, asked with the fields that are given; every call is told."""
     fields = given or {}
     with served(**what) as server:

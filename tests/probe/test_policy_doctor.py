@@ -14,7 +14,7 @@ from eyechart.cli.app import app
 from eyechart.cli.terminal import patience
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, _Asked, examine_policy
+from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, _ProbeFrames, examine_policy
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import MotionSpace
 
@@ -111,7 +111,7 @@ def test_a_policy_that_hears_nothing_is_not_told_that_its_colours_are_exchanged(
 def test_numbers_are_held_against_moments_of_all_parts_of_an_episode(tmp_path: Path, steps: int) -> None:
     """Were they all of one step, on which the log hardly moves, any other answer would be of another unit."""
     bank = open_bank_simulator("tabletop").build(tmp_path / "bank", steps=steps)
-    assert len({frame.step for frame in _Asked(bank, _motion(bank)).further}) == 4
+    assert len({frame.step for frame in _ProbeFrames(bank, _motion(bank)).further}) == 4
     said = {one.name: one for one in examine_policy("python:arms:deaf", bank).findings}
     assert said["unit"].fine, said["unit"].says
     assert {one.name: one for one in examine_policy("python:arms:raw", bank).findings}["unit"].fine is False

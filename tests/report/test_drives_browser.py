@@ -16,7 +16,7 @@ from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import read_drives, score
 from eyechart.studies.closed_loop.film import write_film
 from eyechart.studies.closed_loop.page import make_drives_page
-from eyechart.studies.closed_loop.replaying import find_episode
+from eyechart.studies.closed_loop.replay import find_episode
 
 pytestmark = pytest.mark.browser
 HEIGHT_PX = 900

@@ -17,7 +17,7 @@ from eyechart.report.table import write_tables
 from eyechart.simulators import SIMULATORS
 from eyechart.studies.closed_loop import browser, film, read_drives, score
 from eyechart.studies.closed_loop.page import make_drives_page
-from eyechart.studies.closed_loop.replaying import episode_id, find_episode
+from eyechart.studies.closed_loop.replay import episode_id, find_episode
 from eyechart.studies.closed_loop.tables import tables_of
 from report_runs import HOSTILE
 

@@ -20,8 +20,8 @@ from eyechart.report.table import write_tables
 from eyechart.studies import battery, structured
 from eyechart.studies.battery.subjects import read_evidence, subjects
 from eyechart.studies.structured.page import make_estimates_page
+from eyechart.studies.structured.scene_answers import faults
 from eyechart.studies.structured.tables import scored_of, tables_of
-from eyechart.studies.structured.told import faults
 
 estimates = partial(read_evidence, score=structured.score)
 SEES, NEVER = "scripted:scene_positive_control", "scripted:scene_constant"

@@ -21,7 +21,17 @@ from eyechart.models import ADAPTERS
 from eyechart.overview import make_index
 from eyechart.report.page import Page, write_page
 from eyechart.simulators import SIMULATORS, open_bank_simulator
-from eyechart.studies import Reading, battery, closed_loop, guardian, hierarchy, open_study, policy, prompts, structured
+from eyechart.studies import (
+    ReadOptions,
+    battery,
+    closed_loop,
+    guardian,
+    hierarchy,
+    open_study,
+    policy,
+    prompts,
+    structured,
+)
 from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.subjects import read_evidence
 from eyechart.studies.closed_loop.page import make_drives_page
@@ -31,7 +41,7 @@ from report_runs import hostile, make_run
 
 pytestmark = pytest.mark.browser
 
-READING = Reading(independent=False, reread=False)
+READING = ReadOptions(independent=False, reread=False)
 QUICK = partial(battery.score, resamples=199)
 HEIGHT_PX = 900
 CUT = """

@@ -13,7 +13,7 @@ import stand_ins
 from eyechart.calls import Query, Reply
 from eyechart.report.charts import cell, luminance, plain
 from eyechart.report.page import write_figures
-from eyechart.studies.battery import Extent
+from eyechart.studies.battery import BatterySelection
 from eyechart.studies.battery import figures as drawn
 from eyechart.studies.battery.figures import figures, pair_counts, pair_words
 from eyechart.studies.battery.subjects import Subject, subjects
@@ -122,7 +122,7 @@ def test_a_label_keeps_no_control_sign_and_is_not_too_long() -> None:
 def test_a_name_in_a_figure_is_not_read_as_a_formula(bank: Path, tmp_path: Path) -> None:
     """Dollar signs stay dollar signs, and what the font lacks is no error."""
     name = "$\\frac{1}{0}$<b>漢😀"
-    run = make_run(bank, tmp_path / "run", {name: report_runs.hostile}, extent=Extent(4))
+    run = make_run(bank, tmp_path / "run", {name: report_runs.hostile}, extent=BatterySelection(4))
     drawn = figures(subjects(read_evidence([run])))
     text = drawn["agreement"][0].svg()
     assert "$\\frac{1}{0}$&lt;b&gt;漢😀" in text

@@ -78,7 +78,7 @@ def test_nothing_on_it_is_fetched_or_runs(bank: FrameBank, tmp_path: Path) -> No
     """No script but the page's own, no address; a model's name is text whatever it holds."""
     table = voters.ask_all(bank.root, ("sees",), tmp_path / "run")
     evil = "m<script>alert(1)</script>"
-    named = replace(table, models=(evil,), about=study.About())
+    named = replace(table, models=(evil,), about=study.VoteProvenance())
     frozen = study.fit(named.keep(named.frames[:12]), size=1)
     found = study.score(frozen, named.keep(named.frames[12:]))
     html = guardian_page(found, bank).html.decode()

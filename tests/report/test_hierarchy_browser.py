@@ -11,7 +11,7 @@ import intents
 from eyechart.report.page import write_page
 from eyechart.studies.closed_loop import read_drives
 from eyechart.studies.closed_loop.film import write_film
-from eyechart.studies.closed_loop.replaying import find_episode
+from eyechart.studies.closed_loop.replay import find_episode
 from eyechart.studies.hierarchy import score
 from eyechart.studies.hierarchy.page import make_hierarchy_page
 

@@ -22,7 +22,7 @@ from eyechart.report.table import write_tables
 from eyechart.simulators.rover.hierarchy import RoverMpc, RoverMpcUnaware
 from eyechart.studies.closed_loop import read_drives
 from eyechart.studies.closed_loop.film import write_film
-from eyechart.studies.closed_loop.replaying import find_episode, replay
+from eyechart.studies.closed_loop.replay import find_episode, replay
 from eyechart.studies.hierarchy import figures, score
 from eyechart.studies.hierarchy.figures import trajectory
 from eyechart.studies.hierarchy.page import make_hierarchy_page

@@ -11,7 +11,7 @@ import banks
 import stand_ins
 from eyechart.overview import make_index
 from eyechart.report.page import write_page
-from eyechart.studies import Reading
+from eyechart.studies import ReadOptions
 from report_runs import hostile, make_run
 
 pytestmark = pytest.mark.browser
@@ -24,7 +24,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bank = banks.build_bank(root / "bank")
     for name in ("first", "second", "with-a-long-name-of-its-own-that-goes-on-and-on"):
         make_run(bank.root, root / "runs" / name, {"steady": stand_ins.stop, "hostile-" + "x" * 40: hostile})
-    page = make_index(root / "runs", Reading(independent=False, reread=False), lambda _: None).page
+    page = make_index(root / "runs", ReadOptions(independent=False, reread=False), lambda _: None).page
     write_page(page, root / "index.html")
     return root / "index.html"
 

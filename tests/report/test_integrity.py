@@ -43,7 +43,7 @@ def weak_run(bank: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder = tmp_path_factory.mktemp("weak")
         conditions = ["real", "blank", "text_only", "lead_near"]
         models = {"weak": weak, "steady": stand_ins.stop}
-        return make_run(bank, folder / "run", models, extent=study.Extent(12), conditions=conditions)
+        return make_run(bank, folder / "run", models, extent=study.BatterySelection(12), conditions=conditions)
 
 
 def test_calls_are_counted_by_condition(weak_run: Path) -> None:
@@ -171,7 +171,7 @@ def test_a_page_lists_no_more_frames_than_it_can_hold(bank: Path, tmp_path: Path
 def test_a_run_that_stopped_early_says_so_and_is_not_partial(tmp_path: Path) -> None:
     """The card shows the e-value and the calls, and nobody is told to go on with calls that are left out for good."""
     root = banks.build_bank(tmp_path / "bank", episodes=6, steps=6).root
-    run = make_run(root, tmp_path / "run", {"steady": stand_ins.stop}, extent=study.Extent(stop_early=True))
+    run = make_run(root, tmp_path / "run", {"steady": stand_ins.stop}, extent=study.BatterySelection(stop_early=True))
     (evidence,) = read_evidence([run])
     stopped = evidence.score.models["standin:steady"].stopped
     assert stopped is not None

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from eyechart.models.prices import read_prices
-from eyechart.serve.live import Live, watched
+from eyechart.serve.live import LiveRun, watched
 from report_runs import Reported
 
 pytestmark = pytest.mark.browser
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.browser
 @pytest.mark.parametrize("width", [1280, 800, 400])
 def test_it_follows_the_run_and_fits_the_window(width: int, hostile: Reported, engine: Any) -> None:  # noqa: ANN401 - playwright is not there when types are checked
     """Replies that mean harm are text; the count moves without a reload; when the run is over the page says so."""
-    live, told = Live(hostile.run, read_prices()), list[str]()
+    live, told = LiveRun(hostile.run, read_prices()), list[str]()
     page = engine.new_page(viewport={"width": width, "height": 900})
     said: list[str] = []
     page.on("pageerror", lambda error: said.append(str(error)))
@@ -43,7 +43,7 @@ def test_a_reply_that_is_no_page_of_the_run_is_a_lost_connection_and_no_end(
     engine: Any,  # noqa: ANN401 - as above
 ) -> None:
     """It says that it tries again, keeps what was seen, and goes on once the page answers."""
-    live, told = Live(hostile.run, read_prices()), list[str]()
+    live, told = LiveRun(hostile.run, read_prices()), list[str]()
     page = engine.new_page()
     with watched(live, told.append):
         page.goto(told[0])
@@ -60,7 +60,7 @@ def test_a_reply_that_is_no_page_of_the_run_is_a_lost_connection_and_no_end(
 
 def test_a_run_that_is_interrupted_is_said_to_be(hostile: Reported, engine: Any) -> None:  # noqa: ANN401 - as above
     """The last word of the page is what the run said when it ended."""
-    live, told = Live(hostile.run, read_prices()), list[str]()
+    live, told = LiveRun(hostile.run, read_prices()), list[str]()
     page = engine.new_page()
 
     def interrupted() -> None:
@@ -76,7 +76,7 @@ def test_a_run_that_is_interrupted_is_said_to_be(hostile: Reported, engine: Any)
 
 def test_a_run_that_is_killed_is_not_said_to_be_over(hostile: Reported, engine: Any) -> None:  # noqa: ANN401 - as above
     """Its server is gone, and nothing told the end: the page cannot say."""
-    live, told = Live(hostile.run, read_prices()), list[str]()
+    live, told = LiveRun(hostile.run, read_prices()), list[str]()
     page = engine.new_page()
     page.route("**/over", lambda route: route.fulfill(status=204))
     with watched(live, told.append):

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.report.names import LONGEST, shorten, shortener
+from eyechart.report.short_names import LONGEST, shorten, shortener
 
 LONG = st.text("ab/", min_size=LONGEST + 1, max_size=3 * LONGEST)
 

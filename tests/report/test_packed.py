@@ -10,7 +10,7 @@ from eyechart.report.page import pack, unpack
 from eyechart.studies.battery import browser
 from eyechart.studies.battery import page as page_of_battery
 from eyechart.studies.battery.page import make_page
-from eyechart.studies.battery.scoring import score
+from eyechart.studies.battery.scores import score
 from eyechart.studies.battery.subjects import read_evidence
 from large_runs import wordy
 from report_runs import data_of, make_run

@@ -26,9 +26,9 @@ from eyechart.studies import battery as study
 from eyechart.studies.battery import album
 from eyechart.studies.battery.album import LEFT_OUT, encode_small, make_album
 from eyechart.studies.battery.browser import LONGEST, collect_texts, frames_shown
-from eyechart.studies.battery.opening import opening
 from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.subjects import subjects
+from eyechart.studies.battery.summary import opening
 from eyechart.studies.closed_loop.film import RED, TONES
 from report_runs import HOSTILE, LONG, Reported, data_of, make_run, read_evidence, report
 
@@ -178,7 +178,7 @@ def test_a_missing_bank_leaves_a_page_without_pictures(bank: Path, tmp_path: Pat
 @pytest.mark.parametrize("how", ["geometry", "pixels", "damage"])
 def test_pictures_that_the_run_did_not_see_are_not_shown(bank: Path, tmp_path: Path, how: str) -> None:
     """Another fingerprint, other pictures of the same geometry, and a changed file are each said."""
-    run = make_run(bank, tmp_path / "run", {"noisy": noisy}, extent=study.Extent(4))
+    run = make_run(bank, tmp_path / "run", {"noisy": noisy}, extent=study.BatterySelection(4))
     if how == "geometry":
         other, words = banks.build_bank(tmp_path / "other", steps=2).root, "has fingerprint"
     else:
@@ -205,7 +205,7 @@ def test_a_partial_run_says_that_it_is_partial(bank: Path, tmp_path: Path) -> No
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("eyechart.run.random.random", lambda: -1.0)
-        run = make_run(bank, tmp_path / "run", {"half": half}, extent=study.Extent(6))
+        run = make_run(bank, tmp_path / "run", {"half": half}, extent=study.BatterySelection(6))
     made = report(run, tmp_path / "page.html").html
     assert '<span class="flag">partial</span>' in made
     assert "planned calls are finished" in made
@@ -274,7 +274,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
 
 def test_pictures_are_made_smaller_until_they_fit(bank: Path, tmp_path: Path) -> None:
     """And what does not fit at all is left out, with a sentence."""
-    evidence = read_evidence([make_run(bank, tmp_path / "run", {"noisy": noisy}, extent=study.Extent(6))])
+    evidence = read_evidence([make_run(bank, tmp_path / "run", {"noisy": noisy}, extent=study.BatterySelection(6))])
     shown = frames_shown(evidence)
     whole = make_album(evidence, shown)
     assert LEFT_OUT not in whole.places[0]["real"]
@@ -290,7 +290,7 @@ def test_replies_share_the_room_that_there_is(bank: Path, tmp_path: Path) -> Non
     def wordy(query: Query) -> Reply:
         return Reply("x" * (10 if query.seed % 3 else 1000 + query.seed % 500), "stop")
 
-    evidence = read_evidence([make_run(bank, tmp_path / "run", {"wordy": wordy}, extent=study.Extent(6))])
+    evidence = read_evidence([make_run(bank, tmp_path / "run", {"wordy": wordy}, extent=study.BatterySelection(6))])
     texts = collect_texts(evidence, frames_shown(evidence), budget=4000)
     assert 10 < texts.limit < 1000
     assert sum(min(len(text), texts.limit) for text in texts.numbers) <= 4000
@@ -331,7 +331,7 @@ def test_pictures_stand_in_the_album_as_wide_as_its_rung(
     bank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the widest do not fit, the next are taken, and none that was tried in another width."""
-    evidence = read_evidence([make_run(bank, tmp_path / "run", {"noisy": noisy}, extent=study.Extent(6))])
+    evidence = read_evidence([make_run(bank, tmp_path / "run", {"noisy": noisy}, extent=study.BatterySelection(6))])
     shown = frames_shown(evidence)
     monkeypatch.setattr(album, "RUNGS", ((60, 100), (30, 45)))
     for budget, width in ((9_000_000, 60), (4_000, 30)):

@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 
 from eyechart.report.table import STATISTIC, Column, Table, coded, columns, statistic_cells, write_tables
-from eyechart.stats.guarantees import share_bound
+from eyechart.stats.risk_bounds import share_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.subjects import subjects
 from eyechart.studies.battery.tables import (
-    Judged,
+    JudgedModel,
     frontier_table,
     judged_of,
     statistics_table,
@@ -37,7 +37,7 @@ def sheet(name: str) -> Table:
 
 
 @pytest.fixture(scope="module")
-def everyone(hostile: Reported) -> list[Judged]:
+def everyone(hostile: Reported) -> list[JudgedModel]:
     """Return the two models of the hostile run."""
     return judged_of(subjects(read_evidence([hostile.run])))
 
@@ -94,7 +94,7 @@ def test_cannot_say_is_a_dash_for_people_and_nothing_for_programs() -> None:
     assert "a & --- & --- & --- & ---" in empty.latex()
 
 
-def test_the_sheets_hold_the_run(everyone: list[Judged]) -> None:
+def test_the_sheets_hold_the_run(everyone: list[JudgedModel]) -> None:
     """A row a model, a row a statistic, and the paper's table with a column a model."""
     verdicts = verdict_table(everyone).rows
     assert [row[:3] for row in verdicts] == [
@@ -116,7 +116,7 @@ def test_the_sheets_hold_the_run(everyone: list[Judged]) -> None:
     ]
 
 
-def test_sheets_are_written_in_three_formats(everyone: list[Judged], tmp_path: Path) -> None:
+def test_sheets_are_written_in_three_formats(everyone: list[JudgedModel], tmp_path: Path) -> None:
     """Verdicts, frontier and statistics, the same bytes each time."""
     written = write_tables(tables_of(everyone), tmp_path / "a")
     assert {path.name for path in written} == {

@@ -16,8 +16,8 @@ from eyechart.errors import BankError, SpecError
 from eyechart.frames import BankManifest, FrameBank, check, open_bank
 from eyechart.manifest import read_run
 from eyechart.records import build
-from eyechart.simulators import adding
-from eyechart.simulators.adding import add_missing
+from eyechart.simulators import additions
+from eyechart.simulators.additions import add_missing
 from eyechart.simulators.banks import BOXED, DOZENS
 from eyechart.simulators.rover import Rover
 from eyechart.studies import battery
@@ -129,7 +129,7 @@ def test_a_bank_in_which_it_was_cut_off_is_the_one_that_it_was(
         path.write_bytes(content)
 
     with monkeypatch.context() as patched:
-        patched.setattr(adding, "_write", cut)
+        patched.setattr(additions, "_write", cut)
         with pytest.raises(KeyboardInterrupt):
             add_missing(old)
     assert contents(old).items() >= before.items()
@@ -145,7 +145,7 @@ def test_what_is_cut_off_before_the_manifest_is_replaced_changes_nothing(
     def cut(*_: object) -> None:
         raise OSError("no space left")
 
-    monkeypatch.setattr(adding, "_commit", cut)
+    monkeypatch.setattr(additions, "_commit", cut)
     for out in (None, tmp_path / "new"):
         with pytest.raises(OSError, match="no space"):
             add_missing(old, out)

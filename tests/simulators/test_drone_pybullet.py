@@ -11,7 +11,7 @@ from eyechart.cameras import DRONE, Eye
 from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.simulators import open_bank_simulator, open_simulator
-from eyechart.simulators.camera import Camera, Cylinder
+from eyechart.simulators.camera import Cylinder, RoadCamera
 from eyechart.simulators.drone import Drone, PybulletDrone
 from eyechart.simulators.drone.aviary import IN_FRONT_M, Aviary
 from eyechart.simulators.drone.world import BODY_RADIUS_M
@@ -109,7 +109,7 @@ def red_pillars() -> tuple[RGB, RGB]:
     aviary = Aviary(pillars, DRONE, DRONE.verges["meadow"], y=0.0)
     picture = aviary.draw()
     aviary.close()
-    return picture, Camera(DRONE).draw(Eye(IN_FRONT_M, 0.0, DRONE.eye_m), pillars)
+    return picture, RoadCamera(DRONE).draw(Eye(IN_FRONT_M, 0.0, DRONE.eye_m), pillars)
 
 
 def reddish(picture: RGB) -> NDArray[np.bool_]:

@@ -16,15 +16,15 @@ from scipy.stats import spearmanr
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PX_PER_M
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, check, decode, open_bank
-from eyechart.perception.renderer import Reading, read_picture
+from eyechart.perception.renderer import HighwayReading, read_picture
 from eyechart.simulators import SIMULATORS, find_simulator, open_bank_simulator, open_simulator
 from eyechart.simulators.highway import Highway
 from eyechart.simulators.highway.counterfactuals import record
-from eyechart.simulators.highway.driving import DRIVES, open_drive
+from eyechart.simulators.highway.drives import DRIVES, open_drive
 from eyechart.simulators.highway.speedups import speedups
-from eyechart.simulators.highway.staging import _LANES, GAPS, STAGES, _set_up, drive_naturally
+from eyechart.simulators.highway.staged_moments import _LANES, GAPS, STAGES, _set_up, drive_naturally
 from eyechart.simulators.highway.truth import find_lead, read_truth
-from eyechart.simulators.highway.world import Camera, World
+from eyechart.simulators.highway.world import StockCamera, World
 from eyechart.simulators.plan import Lanes, make_plan, share, trend
 from eyechart.spaces.scene import safe_action
 
@@ -68,7 +68,7 @@ def pixels(bank: FrameBank, frame: Frame, counterfactual: str | None = None) -> 
     return decode(bank.image(frame, counterfactual), frame.id)
 
 
-def read(bank: FrameBank, frame: Frame, counterfactual: str | None = None) -> Reading:
+def read(bank: FrameBank, frame: Frame, counterfactual: str | None = None) -> HighwayReading:
     """Return what a picture of a frame shows to a reader that knows nothing else."""
     reading = read_picture(pixels(bank, frame, counterfactual))
     assert reading is not None
@@ -311,7 +311,7 @@ def test_a_lead_is_moved_only_along_a_free_way(others: tuple[tuple[float, float]
     world = open_drive("light", 0)
     meet(world, *others)
     before = [vehicle.position.tolist() for vehicle in world.road.vehicles]
-    moment = record(world, Camera(world), np.random.default_rng(0))
+    moment = record(world, StockCamera(world), np.random.default_rng(0))
     assert set(moment.counterfactuals) == drawn
     assert [vehicle.position.tolist() for vehicle in world.road.vehicles] == before
     assert getattr(world.vehicle, "color", None) is None
@@ -368,7 +368,7 @@ def test_the_picture_is_highway_envs_own(scenario: str, monkeypatch: pytest.Monk
     stock = world.render()
     assert len(np.unique(stock)) > 5
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    camera = Camera(world)
+    camera = StockCamera(world)
     np.testing.assert_array_equal(camera.draw(), stock)
     monkeypatch.delenv("SDL_VIDEODRIVER")
     world.enable_auto_render = False

@@ -14,11 +14,11 @@ from banks import ALONG
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PX_PER_M
 from eyechart.conditions import OLDER
 from eyechart.frames import EXCHANGE, LEAD, Draws, Frame, FrameBank, check, decode, draws_of, open_bank
-from eyechart.perception.renderer import Reading, read_picture
+from eyechart.perception.renderer import HighwayReading, read_picture
 from eyechart.simulators.highway import Highway
 from eyechart.simulators.highway.counterfactuals import FAR_M, LOWEST_M, draw_ranged
-from eyechart.simulators.highway.driving import open_drive
-from eyechart.simulators.highway.world import Camera, World
+from eyechart.simulators.highway.drives import open_drive
+from eyechart.simulators.highway.world import StockCamera, World
 
 HALF_LANE_PX = 2 * PX_PER_M
 PLACED = {"lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m"}
@@ -40,7 +40,7 @@ def colours(picture: npt.NDArray[np.int16]) -> set[tuple[int, ...]]:
     return {colour for _, colour in Image.fromarray(picture.astype(np.uint8)).getcolors(picture.size)}
 
 
-def read(bank: FrameBank, frame: Frame, name: str) -> Reading:
+def read(bank: FrameBank, frame: Frame, name: str) -> HighwayReading:
     """Return what a control shows to a reader that knows nothing else."""
     reading = read_picture(decode(bank.image(frame, name), frame.id))
     assert reading is not None
@@ -94,7 +94,7 @@ def test_another_seed_moves_the_controls_alone(tmp_path: Path) -> None:
     assert (again.manifest.images, again.manifest.controls) == (one.manifest.images, one.manifest.controls)
 
 
-def meet(*others: tuple[float, float]) -> tuple[World, Camera]:
+def meet(*others: tuple[float, float]) -> tuple[World, StockCamera]:
     """Return a road of three lanes with the ego in the middle one and vehicles so far ahead and aside, in metres."""
     world = open_drive("light", 0)
     ego = world.vehicle
@@ -102,7 +102,7 @@ def meet(*others: tuple[float, float]) -> tuple[World, Camera]:
     ego.lane_index = ("0", "1", 1)
     places = [[ego.position[0] + ahead, ego.position[1] + aside] for ahead, aside in others]
     world.road.vehicles = [ego, *(IDMVehicle(world.road, place) for place in places)]
-    return world, Camera(world)
+    return world, StockCamera(world)
 
 
 ALL = {*ALONG}

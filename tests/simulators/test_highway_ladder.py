@@ -11,7 +11,7 @@ from eyechart.errors import SpecError
 from eyechart.perception.renderer import read_picture
 from eyechart.simulators import open_simulator
 from eyechart.simulators.highway import Highway
-from eyechart.simulators.highway.driving import LADDER
+from eyechart.simulators.highway.drives import LADDER
 from eyechart.spaces.discrete import DRIVING
 
 

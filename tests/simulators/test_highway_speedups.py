@@ -14,7 +14,7 @@ from highway_env.vehicle import behavior, controller
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eyechart.simulators.highway.driving import DRIVES, drive_worlds, open_drive
+from eyechart.simulators.highway.drives import DRIVES, drive_worlds, open_drive
 from eyechart.simulators.highway.speedups import _ScalarNumpy, speedups
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -42,10 +42,10 @@ def states(scenario: str, seed: int, actions: Sequence[str]) -> list[bytes]:
 
 LATER = """
 import sys
-from eyechart.simulators.highway.driving import open_drive
-from eyechart.simulators.highway.world import Camera
+from eyechart.simulators.highway.drives import open_drive
+from eyechart.simulators.highway.world import StockCamera
 slow = {"matplotlib", "matplotlib.pyplot", "pandas"}
-Camera(open_drive("merge", 1)).draw()
+StockCamera(open_drive("merge", 1)).draw()
 assert not slow & set(sys.modules)
 from highway_env.envs.highway_env import HighwayEnv
 from highway_env.vehicle import dynamics

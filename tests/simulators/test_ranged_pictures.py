@@ -33,8 +33,8 @@ from eyechart.perception.renderer import read_picture
 from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.banks import BOXED, DOZENS
 from eyechart.simulators.highway import Highway
-from eyechart.simulators.road import staging
-from eyechart.simulators.road.staging import EXCHANGED_FAR_M
+from eyechart.simulators.road import staged_moments
+from eyechart.simulators.road.staged_moments import EXCHANGED_FAR_M
 from eyechart.simulators.road.truth import find_lead, gap_to
 from eyechart.simulators.road.world import AnyWorld, draw
 from eyechart.simulators.rover import Rover
@@ -156,7 +156,7 @@ def test_on_the_road_only_the_lead_and_one_obstacle_beside_move(
         worlds.setdefault(picture.tobytes(), world)
         return picture
 
-    monkeypatch.setattr(staging, "draw", drawn)
+    monkeypatch.setattr(staged_moments, "draw", drawn)
     bank = open_bank_simulator(simulator).build(tmp_path / "bank", seeds=(5,), steps=6)
     for frame in having(bank, "exchange_own"):
         names = ("exchange_own", "exchange_beside", "exchange_apart")

@@ -10,7 +10,7 @@ from eyechart.frames import EXCHANGE, Draws, Frame, FrameBank, check, decode, dr
 from eyechart.perception.forward import ForwardReading, read_forward
 from eyechart.simulators.drone import Drone
 from eyechart.simulators.road import Layout, Obstacle
-from eyechart.simulators.road.staging import FAR_M, draw_ranged
+from eyechart.simulators.road.staged_moments import FAR_M, draw_ranged
 from eyechart.simulators.road.world import lowest_m
 from eyechart.simulators.rover import Rover
 from eyechart.simulators.rover.world import start

@@ -19,7 +19,7 @@ from eyechart.models.scripted import CONTROLLERS, PLANNERS, Controller
 from eyechart.perception.forward import ForwardReading, read_forward
 from eyechart.prompts import FORWARD_PROMPTS
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.staging import FAR_M, NEAR_M
+from eyechart.simulators.road.staged_moments import FAR_M, NEAR_M
 from eyechart.simulators.road.truth import read_truth, unseen_sides
 from eyechart.simulators.road.world import camera_of, draw
 from eyechart.simulators.rover import Rover

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eyechart.errors import SpecError
-from eyechart.mpc import Plan
+from eyechart.mpc import MpcPlan
 from eyechart.simulators import StepResult, execute, open_bank_simulator
 from eyechart.simulators.rover.hierarchy import MpcDrive, RoverMpc, RoverMpcLateral, RoverMpcUnaware
 
@@ -80,7 +80,7 @@ def test_every_move_says_how_often_the_solver_failed(monkeypatch: pytest.MonkeyP
     drive = RoverMpc().drive("single", 0)
     moved = drive.step("STRAIGHT")
     assert moved.facts == {"plans": 5, "solver_failures": 0, "solver_flag": 1, **side_of(drive)}
-    brake = Plan(-5.0, 0.0, solved=False, flag=-1, path=np.zeros((8, 2)))
+    brake = MpcPlan(-5.0, 0.0, solved=False, flag=-1, path=np.zeros((8, 2)))
     monkeypatch.setattr("eyechart.mpc.Mpc.plan", lambda *_: brake)
     moved = drive.step("STRAIGHT")
     assert moved.facts == {"plans": 5, "solver_failures": 5, "solver_flag": -1, **side_of(drive)}

@@ -9,7 +9,7 @@ import pytest
 from eyechart.frames import FrameBank, decode, open_bank
 from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.tabletop import INSTRUCTION, STATE
-from eyechart.simulators.tabletop.drawing import BLOCKS, SIZE, cameras
+from eyechart.simulators.tabletop.pictures import BLOCKS, SIZE, cameras
 from eyechart.simulators.tabletop.world import COLOURS, MOVED, REACH, Workspace, episode, oracle, scene
 
 

@@ -14,10 +14,10 @@ from eyechart.calls import Query, Reply
 from eyechart.ledger import Ledger
 from eyechart.prompts import Prompt
 from eyechart.run import Plan, execute
-from eyechart.spaces.space import Answer, Decision, Usual, unanswered
+from eyechart.spaces.space import Answer, Decision, SpaceDefaults, unanswered
 from eyechart.studies.battery.answers import Answers, read_answers
-from eyechart.studies.battery.calibrated import Calibrated
-from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests
+from eyechart.studies.battery.paper_statistics import Resampling
 from stand_ins import StandIn
 
 STEPS, PARTS = 8, ("steer", "go", "brake")
@@ -27,7 +27,7 @@ Chunk = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
-class Chunks(Usual):
+class Chunks(SpaceDefaults):
     """The next eight commands at once, each of three numbers; the first of them is exchanged by a reflection."""
 
     reader: ClassVar[int] = 1
@@ -154,7 +154,7 @@ def test_the_reflection_is_held_against_the_mirrored_picture(answered: Answered)
 
 def test_tests_of_agreement_ask_the_space_alone(answered: Answered) -> None:
     """A model that answers equal pictures alike never disagrees with itself, whatever its actions are."""
-    found = Calibrated(answered[0], Resampling(resamples=100)).statistics()
+    found = CalibratedTests(answered[0], Resampling(resamples=100)).statistics()
     assert found["self_disagreement"].value == 0.0
     assert found["image_token"].value is None
 

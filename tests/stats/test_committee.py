@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eyechart.stats.committee import (
+from eyechart.stats.committee_votes import (
     ABSTAIN,
     CLEAR,
     HAZARD,
     MISSING,
     POINTS,
-    Choice,
+    CommitteeChoice,
     Costs,
     Point,
     answers,
@@ -112,17 +112,17 @@ def worth(votes: Votes, truth: Votes, choice: tuple[tuple[int, ...], int, Point]
     return -(rate * means[True] + (1 - rate) * means[False])
 
 
-def slowly(votes: Votes, truth: Votes, size: int, costs: Costs | None) -> Choice:
+def slowly(votes: Votes, truth: Votes, size: int, costs: Costs | None) -> CommitteeChoice:
     """Return the best choice by trying each in the declared order."""
     points: tuple[Point, ...] = POINTS if costs is not None and costs.abstention is not None else ("two_way",)
-    best: tuple[float, Choice] | None = None
+    best: tuple[float, CommitteeChoice] | None = None
     every = list(combinations(range(len(votes)), size))
     able = [one for one in every if all((votes[model] == 1).any() for model in one)]
     for committee in [*able, *(one for one in every if one not in able)]:
         for threshold, point in product(range(1, 2 * size + 1), points):
             found = worth(votes, truth, (committee, threshold, point), costs)
             if best is None or found > best[0] + 1e-10:
-                best = (found, Choice(committee, threshold, point, found))
+                best = (found, CommitteeChoice(committee, threshold, point, found))
     assert best is not None
     return best[1]
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from eyechart.stats.flips import follow, sign_flip_test
+from eyechart.stats.sign_flip import follow, sign_flip_test
 
 
 def test_a_few_pairs_are_enumerated() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from eyechart.stats.guarantees import (
+from eyechart.stats.risk_bounds import (
     conformal_threshold,
     episodes_needed,
     hoeffding_bentkus_p,

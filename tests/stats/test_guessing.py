@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from eyechart.stats.guessing import Block, bounds, right
+from eyechart.stats.forced_choice import Block, bounds, right
 
 
 def dealt_anew(choices: int, said: tuple[int | None, ...]) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eyechart.calibrate import SETTINGS
-from eyechart.calibrate.known import KNOWN
+from eyechart.calibrate.known_answers import KNOWN
 from eyechart.calibrate.replication import answers_of
 from eyechart.calibrate.world import make_world
 from eyechart.stats.association import information_of_tables
@@ -18,11 +18,11 @@ from eyechart.stats.episodes import (
     share_over_episodes,
 )
 from eyechart.stats.jackknife import FEW, association_interval, half_exceeded, mean_of_frames, over_tables
-from eyechart.stats.paired import SignTest
-from eyechart.stats.resampling import permute_agreement
+from eyechart.stats.paired_tests import SignTest
+from eyechart.stats.resamples import permute_agreement
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 
 
 def test_of_a_coin_the_interval_of_information_holds_none_and_its_own_value() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from eyechart.stats import paired
+from eyechart.stats import paired_tests
 from eyechart.stats.agreement import clopper_pearson
 
 label_pairs = st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=1, max_size=9)
@@ -17,7 +17,7 @@ label_pairs = st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size
 def test_the_sign_test_is_the_binomial_test_on_discordant_pairs() -> None:
     """R: binom.test(9, 11, alternative = "greater") gives p = 0.03271; ties do not count."""
     first, second = [2] * 9 + [0] * 2 + [1] * 5, [1] * 9 + [1] * 2 + [1] * 5
-    result = paired.sign_test(first, second)
+    result = paired_tests.sign_test(first, second)
     assert (result.value, result.n, result.ties) == (9 / 11, 11, 5)
     assert result.p == pytest.approx(0.03271, abs=5e-6)
     reference = stats.binomtest(9, 11, alternative="greater")
@@ -28,13 +28,13 @@ def test_the_sign_test_is_the_binomial_test_on_discordant_pairs() -> None:
 
 def test_the_sign_test_is_one_sided() -> None:
     """The same pairs the other way round are no evidence."""
-    assert paired.sign_test([0] * 8, [1] * 8).p == 1.0
-    assert paired.sign_test([1] * 8, [0] * 8).p == 1 / 256
+    assert paired_tests.sign_test([0] * 8, [1] * 8).p == 1.0
+    assert paired_tests.sign_test([1] * 8, [0] * 8).p == 1 / 256
 
 
 def test_without_discordant_pairs_nothing_is_rejected() -> None:
     """The value is None and p is 1: a test was made and found nothing."""
-    for result in (paired.sign_test([1, 2], [1, 2]), paired.mcnemar_exact(0, 0)):
+    for result in (paired_tests.sign_test([1, 2], [1, 2]), paired_tests.mcnemar_exact(0, 0)):
         assert (result.value, result.n, result.p) == (None, 0, 1.0)
 
 
@@ -43,7 +43,7 @@ def test_without_discordant_pairs_nothing_is_rejected() -> None:
 def test_mcnemar_is_scipys_two_sided_binomial_test(b: int, c: int) -> None:
     """Reference: scipy.stats.binomtest(b, b + c).pvalue."""
     expected = stats.binomtest(b, b + c).pvalue if b + c else 1.0
-    assert paired.mcnemar_exact(b, c).p == pytest.approx(expected, rel=1e-9)
+    assert paired_tests.mcnemar_exact(b, c).p == pytest.approx(expected, rel=1e-9)
 
 
 @given(n=st.integers(0, 300), share=st.floats(0, 1))
@@ -51,14 +51,14 @@ def test_mcnemar_is_scipys_two_sided_binomial_test(b: int, c: int) -> None:
 def test_the_tail_of_the_fair_coin_is_the_sum_of_its_ways(n: int, share: float) -> None:
     """Either tail, against math.comb term by term, to the last bit."""
     k = round(share * n)
-    assert paired._fair_coin_tail(k, n) == sum(math.comb(n, i) for i in range(k, n + 1)) / 2**n
+    assert paired_tests._fair_coin_tail(k, n) == sum(math.comb(n, i) for i in range(k, n + 1)) / 2**n
 
 
 def test_fifty_thousand_discordant_pairs_are_counted_exactly_at_once() -> None:
     """Two hundred wins more than losses: the normal approximation with continuity correction is near."""
     wins, n = 25_100, 50_000
     approximation = stats.norm.sf((wins - 0.5 - n / 2) / math.sqrt(n / 4))
-    assert paired._fair_coin_tail(wins, n) == pytest.approx(approximation, rel=1e-4)
+    assert paired_tests._fair_coin_tail(wins, n) == pytest.approx(approximation, rel=1e-4)
 
 
 def spread(first: np.ndarray, second: np.ndarray) -> int:
@@ -75,7 +75,7 @@ def test_the_label_swap_test_enumerates_what_brute_force_does(pairs: list) -> No
     for swaps in itertools.product([False, True], repeat=len(pairs)):
         a, b = np.where(swaps, second, first), np.where(swaps, first, second)
         hits += spread(a, b) >= observed
-    result = paired.label_swap_test(first, second, seed=0)
+    result = paired_tests.label_swap_test(first, second, seed=0)
     assert result.value == observed
     assert result.p == pytest.approx(hits / 2 ** len(pairs))
 
@@ -84,20 +84,20 @@ def test_the_sampled_label_swap_agrees_with_the_enumerated_one(monkeypatch: pyte
     """One data set both ways, and the same seed gives the same p."""
     rng = np.random.default_rng(5)
     first, second = rng.integers(0, 3, 30), rng.integers(0, 2, 30)
-    exact = paired.label_swap_test(first, second, seed=0)
-    monkeypatch.setattr(paired, "ENUMERATED_STATES", 0)
-    sampled = paired.label_swap_test(first, second, seed=0, resamples=20_000)
+    exact = paired_tests.label_swap_test(first, second, seed=0)
+    monkeypatch.setattr(paired_tests, "ENUMERATED_STATES", 0)
+    sampled = paired_tests.label_swap_test(first, second, seed=0, resamples=20_000)
     assert exact.method.endswith("enumerated")
     assert sampled.method.endswith("B=20000")
     assert sampled.p == pytest.approx(exact.p, abs=4 * math.sqrt(0.25 / 20_000))
-    assert sampled == paired.label_swap_test(first, second, seed=0, resamples=20_000)
+    assert sampled == paired_tests.label_swap_test(first, second, seed=0, resamples=20_000)
 
 
 def test_two_constants_differ_and_one_does_not() -> None:
     """SLOW on every real frame and STOP on every blank one is presence; SLOW on both is nothing."""
-    differs = paired.label_swap_test(["SLOW"] * 144, ["STOP"] * 144, seed=0)
+    differs = paired_tests.label_swap_test(["SLOW"] * 144, ["STOP"] * 144, seed=0)
     assert (differs.value, differs.p) == (2 * 144**2, pytest.approx(2 * 0.5**144))
-    same = paired.label_swap_test(["SLOW"] * 144, ["SLOW"] * 144, seed=0)
+    same = paired_tests.label_swap_test(["SLOW"] * 144, ["SLOW"] * 144, seed=0)
     assert (same.value, same.p, same.detail["discordant"]) == (0.0, 1.0, 0)
 
 
@@ -116,7 +116,7 @@ def constrained_score(b: int, c: int, n: int, delta: float) -> float:
 @pytest.mark.parametrize(("b", "c", "n"), [(12, 2, 50), (9, 1, 50), (3, 5, 20), (30, 29, 144)])
 def test_the_paired_interval_ends_where_the_score_is_the_quantile(b: int, c: int, n: int) -> None:
     """Both ends are checked against a numerical maximisation of the constrained likelihood (Tango 1998)."""
-    result = paired.paired_difference_from_counts(b, c, n)
+    result = paired_tests.paired_difference_from_counts(b, c, n)
     scores = [constrained_score(b, c, n, end) for end in result.ci]
     assert result.value == (b - c) / n
     assert scores == pytest.approx([1.959964, -1.959964], abs=1e-4)
@@ -126,7 +126,7 @@ def test_the_paired_interval_covers_what_it_claims() -> None:
     """Exact coverage at n = 30 over a grid of cell probabilities is near .95, and never below .93."""
     n, coverages = 30, []
     counts = [(b, c) for b in range(n + 1) for c in range(n + 1 - b)]
-    intervals = np.array([paired.paired_difference_from_counts(b, c, n).ci for b, c in counts])
+    intervals = np.array([paired_tests.paired_difference_from_counts(b, c, n).ci for b, c in counts])
     for p, q in [(0.05, 0.05), (0.02, 0.1), (0.3, 0.1), (0.2, 0.2), (0.5, 0.05)]:
         chance = stats.multinomial.pmf([(b, c, n - b - c) for b, c in counts], n, [p, q, 1 - p - q])
         inside = (intervals[:, 0] <= p - q) & (p - q <= intervals[:, 1])
@@ -137,11 +137,11 @@ def test_the_paired_interval_covers_what_it_claims() -> None:
 
 def test_zero_discordance_bounds_an_absence_from_forty_nine_frames_on() -> None:
     """The upper bound is z^2/(n + z^2), z = 2.326: below the margin .10 from n = 49."""
-    enough, short = (paired.bounded_below([0] * n, [0] * n) for n in (49, 48))
+    enough, short = (paired_tests.bounded_below([0] * n, [0] * n) for n in (49, 48))
     assert enough.ci[1] == pytest.approx(2.3263479**2 / (49 + 2.3263479**2), abs=1e-7)
     assert enough.detail["bounded"]
     assert not short.detail["bounded"]
-    assert paired.pairs_to_bound() == 49
+    assert paired_tests.pairs_to_bound() == 49
 
 
 @given(b=st.integers(0, 12), c=st.integers(0, 12), rest=st.integers(1, 200))
@@ -149,10 +149,10 @@ def test_zero_discordance_bounds_an_absence_from_forty_nine_frames_on() -> None:
 def test_the_bound_and_its_p_never_contradict_each_other(b: int, c: int, rest: int) -> None:
     """The claim p < alpha holds exactly when the upper end of the interval lies below the margin."""
     first, second = [1] * b + [0] * (c + rest), [0] * b + [1] * c + [0] * rest
-    result = paired.bounded_below(first, second)
+    result = paired_tests.bounded_below(first, second)
     assert result.detail["bounded"] == (result.ci[1] < 0.10)
     assert result.ci[0] - 1e-9 <= result.value <= result.ci[1] + 1e-9
-    mirrored = paired.paired_difference(second, first, level=0.98)
+    mirrored = paired_tests.paired_difference(second, first, level=0.98)
     assert mirrored.ci == pytest.approx((-result.ci[1], -result.ci[0]), abs=1e-9)
 
 
@@ -163,14 +163,14 @@ def test_the_bound_and_its_p_never_contradict_each_other(b: int, c: int, rest: i
 def test_pairs_that_are_none_are_refused(first: list, second: list, message: str) -> None:
     """The error says what a pair must be."""
     with pytest.raises(ValueError, match=message):
-        paired.paired_difference(first, second)
+        paired_tests.paired_difference(first, second)
 
 
 def test_a_sampled_label_swap_is_never_impossible() -> None:
     """With random swaps the data count as one of them: a complete change of answers gives 1/(B+1), not 0."""
     first = np.array(["a", "b", "c", "d", "e"] * 40)
     second = np.array(["z"] * 200)
-    found = paired.label_swap_test(first, second, seed=0, resamples=200)
+    found = paired_tests.label_swap_test(first, second, seed=0, resamples=200)
     assert "B=200" in found.method
     assert found.p == pytest.approx(1 / 201)
 
@@ -179,7 +179,7 @@ def test_a_sampled_label_swap_is_never_impossible() -> None:
 @given(st.integers(0, 60), st.integers(0, 60), st.integers(1, 80))
 def test_a_net_effect_reaches_the_margin_exactly_where_its_p_says_so(wins: int, losses: int, more: int) -> None:
     """The lower end of the 80 % interval and the one-sided test at .10 are the same rule."""
-    found = paired.net_effect(wins, losses, wins + losses + more)
+    found = paired_tests.net_effect(wins, losses, wins + losses + more)
     assert found.value == pytest.approx((wins - losses) / (wins + losses + more))
     assert found.level == 0.8
     if abs(found.ci[0] - 0.1) > 1e-9:
@@ -188,10 +188,10 @@ def test_a_net_effect_reaches_the_margin_exactly_where_its_p_says_so(wins: int, 
 
 def test_the_bound_of_a_net_effect_is_tangos() -> None:
     """13 of 100 pairs won and none lost are too few for the margin, and 14 are enough."""
-    assert [paired.net_effect(wins, 0, 100).ci[0] >= 0.1 for wins in (13, 14)] == [False, True]
-    assert paired.net_effect(0, 0, 0).value is None
+    assert [paired_tests.net_effect(wins, 0, 100).ci[0] >= 0.1 for wins in (13, 14)] == [False, True]
+    assert paired_tests.net_effect(0, 0, 0).value is None
     with pytest.raises(ValueError, match="margin"):
-        paired.net_effect(1, 0, 2, margin=0)
+        paired_tests.net_effect(1, 0, 2, margin=0)
 
 
 def test_an_association_in_one_group_is_fishers_and_over_groups_their_sum() -> None:
@@ -199,7 +199,7 @@ def test_an_association_in_one_group_is_fishers_and_over_groups_their_sum() -> N
     rng = np.random.default_rng(3)
     first, second, groups = rng.integers(0, 2, 30), rng.integers(0, 2, 30), rng.integers(0, 3, 30)
     table = [[int(((first == a) & (second == b)).sum()) for b in (1, 0)] for a in (1, 0)]
-    alone = paired.stratified_association(first, second, ["all"] * 30)
+    alone = paired_tests.stratified_association(first, second, ["all"] * 30)
     assert alone.p == pytest.approx(stats.fisher_exact(table, alternative="greater").pvalue)
     chances = {0: 1.0}
     for group in range(3):
@@ -210,16 +210,16 @@ def test_an_association_in_one_group_is_fishers_and_over_groups_their_sum() -> N
             for k in range(int(y.sum()) + 1):
                 sums[total + k] = sums.get(total + k, 0.0) + chance * hyper.pmf(k)
         chances = sums
-    found = paired.stratified_association(first, second, groups.tolist())
+    found = paired_tests.stratified_association(first, second, groups.tolist())
     assert found.p == pytest.approx(sum(one for total, one in chances.items() if total >= (first * second).sum()))
 
 
 def test_a_group_in_which_one_side_never_varies_says_nothing() -> None:
     """Who looks at its own lane alone turns one way in each lane: nothing is associated within it."""
     left, clear = [1, 1, 1, 0, 0, 0], [1, 1, 0, 0, 0, 1]
-    found = paired.stratified_association(left, clear, ["l"] * 3 + ["r"] * 3)
+    found = paired_tests.stratified_association(left, clear, ["l"] * 3 + ["r"] * 3)
     assert (found.value, found.n, found.p) == (None, 0, 1.0)
-    assert paired.stratified_association(left, left, ["both"] * 6).p == pytest.approx(1 / 20)
+    assert paired_tests.stratified_association(left, left, ["both"] * 6).p == pytest.approx(1 / 20)
 
 
 @pytest.mark.parametrize(("k", "n", "level"), [(0, 12, 0.95), (3, 12, 0.95), (12, 12, 0.98), (37, 144, 0.98)])
@@ -242,7 +242,7 @@ def test_the_claim_of_an_absence_errs_about_once_in_a_hundred_where_the_effect_i
         size = 0.0
         for b in range(n + 1):
             for c in range(n + 1 - b):
-                score = paired._tango_score(b, c, n, 0.10)
+                score = paired_tests._tango_score(b, c, n, 0.10)
                 if stats.norm.cdf(score) < 0.01:
                     size += float(stats.multinomial.pmf([b, c, n - b - c], n, [fewer + 0.1, fewer, 0.9 - 2 * fewer]))
         sizes.append(size)
@@ -258,4 +258,4 @@ def test_tangos_score_solves_its_quadratic(b: int, c: int, n: int, delta: float)
     cells = np.roots([2 * n, (2 * n - b + c) * delta - (b + c), -c * delta * (1 - delta)])
     q = max(cells.real)
     expected = (b - c - n * delta) / math.sqrt(n * (2 * q + delta * (1 - delta)))
-    assert paired._tango_score(b, c, n, delta) == pytest.approx(expected)
+    assert paired_tests._tango_score(b, c, n, delta) == pytest.approx(expected)

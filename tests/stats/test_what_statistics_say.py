@@ -13,14 +13,14 @@ from eyechart.stats import (
     agreement,
     association,
     correlation,
+    episode_permutation,
     episodes,
-    exchange,
-    flips,
-    guarantees,
-    guessing,
+    forced_choice,
     order,
-    paired,
-    resampling,
+    paired_tests,
+    resamples,
+    risk_bounds,
+    sign_flip,
     total_effect,
 )
 from eyechart.stats.statistic import Statistic, cannot_say
@@ -264,7 +264,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "trend of one frame": (
-        lambda: exchange.iid_trend_test([1], [1.0], seed=0, resamples=9),
+        lambda: episode_permutation.iid_trend_test([1], [1.0], seed=0, resamples=9),
         {
             "value": None,
             "n": 1,
@@ -273,15 +273,19 @@ CASES: dict[str, Case] = {
         },
     ),
     "trend": (
-        lambda: exchange.iid_trend_test([2, 1, 0], [1.0, 1.0, 1.0], seed=0, resamples=9),
+        lambda: episode_permutation.iid_trend_test([2, 1, 0], [1.0, 1.0, 1.0], seed=0, resamples=9),
         {"value": 3.0, "n": 3, "p": 1.0, "null_mean": 3.0, "null_sd": 0.0},
     ),
     "exchange without decisions": (
-        lambda: exchange.exchange_test([-1] * 12, range(12), [0] * 12, [0, 1, 2, 3, 4, 5] * 2, range(12), seed=0),
+        lambda: episode_permutation.exchange_test(
+            [-1] * 12, range(12), [0] * 12, [0, 1, 2, 3, 4, 5] * 2, range(12), seed=0
+        ),
         {"value": None, "n": 0, "method": TREND, "note": "no decisions"},
     ),
     "exchange of too few episodes": (
-        lambda: exchange.exchange_test([1, 0, 1, 0], [1, 2, 3, 4], [0] * 4, [0, 0, 1, 1], [0, 1, 0, 1], seed=0),
+        lambda: episode_permutation.exchange_test(
+            [1, 0, 1, 0], [1, 2, 3, 4], [0] * 4, [0, 0, 1, 1], [0, 1, 0, 1], seed=0
+        ),
         {
             "value": None,
             "n": 4,
@@ -298,7 +302,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "exchange": (
-        lambda: exchange.exchange_mi_test(
+        lambda: episode_permutation.exchange_mi_test(
             ["a", "b"] * 5, ["x", "y"] * 5, [0] * 10, np.repeat(np.arange(5), 2), [0, 1] * 5, seed=0
         ),
         {
@@ -317,11 +321,11 @@ CASES: dict[str, Case] = {
         },
     ),
     "flips of no pairs": (
-        lambda: flips.sign_flip_test([], [], seed=0),
+        lambda: sign_flip.sign_flip_test([], [], seed=0),
         {"value": None, "n": 0, "method": FLIPPED, "note": "no pairs"},
     ),
     "flips of equals": (
-        lambda: flips.sign_flip_test([1, 2], [1, 2], seed=0),
+        lambda: sign_flip.sign_flip_test([1, 2], [1, 2], seed=0),
         {
             "value": 0.0,
             "n": 2,
@@ -339,7 +343,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "flips": (
-        lambda: flips.sign_flip_test([3, 2, 5], [1, 2, 6], seed=0),
+        lambda: sign_flip.sign_flip_test([3, 2, 5], [1, 2, 6], seed=0),
         {
             "value": pytest.approx(1 / 3),
             "n": 3,
@@ -356,15 +360,15 @@ CASES: dict[str, Case] = {
         },
     ),
     "flips of many": (
-        lambda: flips.sign_flip_test(range(1, 16), [0] * 15, seed=0, resamples=19),
+        lambda: sign_flip.sign_flip_test(range(1, 16), [0] * 15, seed=0, resamples=19),
         {"n": 15, "p": 0.05, "method": f"{FLIPPED}, B=19"},
     ),
     "nothing to follow": (
-        lambda: flips.follow([1.0, 2.0], [0.0, 0.0], [0, 1], seed=0),
+        lambda: sign_flip.follow([1.0, 2.0], [0.0, 0.0], [0, 1], seed=0),
         {"value": None, "n": 2, "method": FOLLOWED, "note": "nothing was moved that could be followed"},
     ),
     "one episode that follows": (
-        lambda: flips.follow([1.0, 2.0], [2.0, 4.0], [0, 0], seed=0),
+        lambda: sign_flip.follow([1.0, 2.0], [2.0, 4.0], [0, 0], seed=0),
         {
             "value": 0.5,
             "n": 2,
@@ -377,7 +381,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "two episodes that follow": (
-        lambda: flips.follow([1.0, 2.0], [2.0, 4.0], [0, 1], seed=0),
+        lambda: sign_flip.follow([1.0, 2.0], [2.0, 4.0], [0, 1], seed=0),
         {
             "value": 0.5,
             "n": 2,
@@ -390,7 +394,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "bound over no episodes": (
-        lambda: guarantees.share_bound(0, 0, confidence=0.9),
+        lambda: risk_bounds.share_bound(0, 0, confidence=0.9),
         {
             "value": None,
             "n": 0,
@@ -399,7 +403,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "bound of a share": (
-        lambda: guarantees.share_bound(5, 5, confidence=0.9),
+        lambda: risk_bounds.share_bound(5, 5, confidence=0.9),
         {
             "value": 1.0,
             "n": 5,
@@ -410,7 +414,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "bound of a mean of nothing": (
-        lambda: guarantees.mean_bound([], confidence=0.9),
+        lambda: risk_bounds.mean_bound([], confidence=0.9),
         {
             "value": None,
             "n": 0,
@@ -419,7 +423,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "bound of a mean": (
-        lambda: guarantees.mean_bound([0, 0, 0], confidence=0.875),
+        lambda: risk_bounds.mean_bound([0, 0, 0], confidence=0.875),
         {
             "value": 0.0,
             "n": 3,
@@ -429,7 +433,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "bound of a ratio of nothing": (
-        lambda: guarantees.ratio_bound([0], [0], 3, confidence=0.9),
+        lambda: risk_bounds.ratio_bound([0], [0], 3, confidence=0.9),
         {
             "value": None,
             "n": 0,
@@ -438,7 +442,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "bound of a ratio": (
-        lambda: guarantees.ratio_bound([2, 0, 3], [2, 0, 3], 3, confidence=0.9),
+        lambda: risk_bounds.ratio_bound([2, 0, 3], [2, 0, 3], 3, confidence=0.9),
         {
             "value": 1.0,
             "n": 5,
@@ -448,7 +452,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "no question": (
-        lambda: guessing.right([]),
+        lambda: forced_choice.right([]),
         {
             "value": None,
             "n": 0,
@@ -457,7 +461,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "questions": (
-        lambda: guessing.right([guessing.Block(2, [0, 1], [0, 1])]),
+        lambda: forced_choice.right([forced_choice.Block(2, [0, 1], [0, 1])]),
         {
             "value": 1.0,
             "n": 2,
@@ -481,7 +485,7 @@ CASES: dict[str, Case] = {
         {"n": 12, "method": RISE, "nearer": (0.0, 5.0), "farther": (6.0, 11.0)},
     ),
     "signs of nothing": (
-        lambda: paired.sign_test([], [], level=0.9),
+        lambda: paired_tests.sign_test([], [], level=0.9),
         {
             "value": None,
             "n": 0,
@@ -496,7 +500,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "signs": (
-        lambda: paired.sign_test([3, 1, 2, 5], [1, 2, 2, 1], level=0.9),
+        lambda: paired_tests.sign_test([3, 1, 2, 5], [1, 2, 2, 1], level=0.9),
         {
             "value": pytest.approx(2 / 3),
             "n": 3,
@@ -511,15 +515,15 @@ CASES: dict[str, Case] = {
         },
     ),
     "net effect of nothing": (
-        lambda: paired.net_effect(0, 0, 0, alpha=0.05),
+        lambda: paired_tests.net_effect(0, 0, 0, alpha=0.05),
         {"value": None, "n": 0, "method": TANGO, "note": "no pairs"},
     ),
     "net effect": (
-        lambda: paired.net_effect(3, 1, 8, alpha=0.05),
+        lambda: paired_tests.net_effect(3, 1, 8, alpha=0.05),
         {"value": 0.25, "n": 8, "method": TANGO, "detail": {"margin": 0.1}, "level": 0.9, "b": 3, "c": 1},
     ),
     "bounded": (
-        lambda: paired.bounded_below([1, 0, 0], [0, 0, 0], alpha=0.05),
+        lambda: paired_tests.bounded_below([1, 0, 0], [0, 0, 0], alpha=0.05),
         {
             "n": 3,
             "method": TANGO,
@@ -530,7 +534,7 @@ CASES: dict[str, Case] = {
         },
     ),
     "no group varies": (
-        lambda: paired.stratified_association([1, 1], [0, 1], ["a", "a"], level=0.9),
+        lambda: paired_tests.stratified_association([1, 1], [0, 1], ["a", "a"], level=0.9),
         {
             "value": None,
             "n": 0,
@@ -541,23 +545,23 @@ CASES: dict[str, Case] = {
         },
     ),
     "one group varies": (
-        lambda: paired.stratified_association([1, 0, 1], [1, 0, 0], ["a", "a", "b"], level=0.9),
+        lambda: paired_tests.stratified_association([1, 0, 1], [1, 0, 0], ["a", "a", "b"], level=0.9),
         {"value": 1.0, "n": 2, "p": pytest.approx(0.5), "method": WITHIN, "level": 0.9},
     ),
     "McNemar of nothing": (
-        lambda: paired.mcnemar_exact(0, 0),
+        lambda: paired_tests.mcnemar_exact(0, 0),
         {"value": None, "n": 0, "p": 1.0, "method": "two-sided exact McNemar test", "note": "no discordant pairs"},
     ),
     "McNemar": (
-        lambda: paired.mcnemar_exact(1, 3),
+        lambda: paired_tests.mcnemar_exact(1, 3),
         {"value": 0.25, "n": 4, "p": 0.625, "method": "two-sided exact McNemar test", "b": 1, "c": 3},
     ),
     "labels of no pairs": (
-        lambda: paired.label_swap_test([], [], seed=0),
+        lambda: paired_tests.label_swap_test([], [], seed=0),
         {"value": None, "n": 0, "method": "within-frame label swap", "note": "no pairs"},
     ),
     "labels": (
-        lambda: paired.label_swap_test(["a", "a", "b"], ["b", "b", "b"], seed=0),
+        lambda: paired_tests.label_swap_test(["a", "a", "b"], ["b", "b", "b"], seed=0),
         {
             "value": 8.0,
             "n": 3,
@@ -569,15 +573,15 @@ CASES: dict[str, Case] = {
         },
     ),
     "information of nothing": (
-        lambda: resampling.permute_mutual_information([[0, 0], [0, 0]], seed=0, resamples=99),
+        lambda: resamples.permute_mutual_information([[0, 0], [0, 0]], seed=0, resamples=99),
         {"value": None, "n": 0, "method": MI, "note": "the table is empty"},
     ),
     "information of one row": (
-        lambda: resampling.permute_mutual_information([[3, 4]], seed=0, resamples=99),
+        lambda: resamples.permute_mutual_information([[3, 4]], seed=0, resamples=99),
         {"value": 0.0, "n": 7, "p": 1.0, "method": MI, "note": LONE, "unit": "bits"},
     ),
     "information": (
-        lambda: resampling.permute_mutual_information([[1, 0], [0, 1]], seed=0, resamples=99),
+        lambda: resamples.permute_mutual_information([[1, 0], [0, 1]], seed=0, resamples=99),
         {"value": 1.0, "n": 2, "p": 1.0, "method": MI, "unit": "bits", "detail": {"resample_mean": 1.0}},
     ),
     "effect of two episodes": (
@@ -732,40 +736,40 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         "two columns of finite numbers of one length are needed, got (2,) and (3,)",
     ),
     "lengths of pairs": (
-        lambda: flips.sign_flip_test([1], [1, 2], seed=0),
+        lambda: sign_flip.sign_flip_test([1], [1, 2], seed=0),
         "1 values against 2: give both for the same worlds",
     ),
     "first is not finite": (
-        lambda: flips.sign_flip_test([np.inf], [1], seed=0),
+        lambda: sign_flip.sign_flip_test([np.inf], [1], seed=0),
         "the first values must be one finite number per world: leave out the worlds without one",
     ),
     "second is not finite": (
-        lambda: flips.sign_flip_test([1], [np.nan], seed=0),
+        lambda: sign_flip.sign_flip_test([1], [np.nan], seed=0),
         "the second values must be one finite number per world: leave out the worlds without one",
     ),
     "gains are not finite": (
-        lambda: flips.follow([np.nan], [1], [0], seed=0),
+        lambda: sign_flip.follow([np.nan], [1], [0], seed=0),
         "the gains values must be one finite number per world: leave out the worlds without one",
     ),
     "full is not finite": (
-        lambda: flips.follow([1], [np.nan], [0], seed=0),
+        lambda: sign_flip.follow([1], [np.nan], [0], seed=0),
         "the full values must be one finite number per world: leave out the worlds without one",
     ),
     "lengths of what follows": (
-        lambda: flips.follow([1], [1, 2], [0], seed=0),
+        lambda: sign_flip.follow([1], [1, 2], [0], seed=0),
         "1 gains, 2 full ones and 1 episodes: give one a frame",
     ),
     "no pairs and no repeats": (lambda: order.lost_beyond_noise(0, 0, 0, 0), "no pairs, or no repeats"),
     "no episodes to lose": (
-        lambda: guarantees.share_bound(2, 1),
+        lambda: risk_bounds.share_bound(2, 1),
         "need 0 <= k <= n and a confidence in (0, 1), got 2 of 1 at 0.95",
     ),
     "losses above 1": (
-        lambda: guarantees.mean_bound([1.5]),
+        lambda: risk_bounds.mean_bound([1.5]),
         "losses must be one share in [0, 1] for each episode",
     ),
     "more events than frames": (
-        lambda: guarantees.ratio_bound([2], [1], 3),
+        lambda: risk_bounds.ratio_bound([2], [1], 3),
         "events must be at most the frames of each episode, and these at most the longest",
     ),
     "more hits than frames": (
@@ -773,63 +777,63 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         "need 0 <= hits <= frames for each episode and a level in (0, 1), got [2.] of [1.] at 0.95",
     ),
     "a margin of 1": (
-        lambda: paired.net_effect(1, 0, 2, margin=1),
+        lambda: paired_tests.net_effect(1, 0, 2, margin=1),
         "margin=1 must lie in (0, 1) and alpha=0.1 in (0, .5)",
     ),
     "counts that do not fit": (
-        lambda: paired.paired_difference_from_counts(2, 1, 2),
+        lambda: paired_tests.paired_difference_from_counts(2, 1, 2),
         "b=2 and c=1 discordant pairs do not fit into n=2 pairs",
     ),
     "negative discordant counts": (
-        lambda: paired.mcnemar_exact(-1, 2),
+        lambda: paired_tests.mcnemar_exact(-1, 2),
         "discordant counts b=-1 and c=2 must not be negative",
     ),
     "first is missing": (
-        lambda: paired.sign_test([np.nan], [1]),
+        lambda: paired_tests.sign_test([np.nan], [1]),
         "the first values must be one number per frame: drop the frames without one",
     ),
     "second is missing": (
-        lambda: paired.sign_test([1], [np.nan]),
+        lambda: paired_tests.sign_test([1], [np.nan]),
         "the second values must be one number per frame: drop the frames without one",
     ),
     "lengths within frames": (
-        lambda: paired.sign_test([1], [1, 2]),
+        lambda: paired_tests.sign_test([1], [1, 2]),
         "1 values against 2: give both for the same frames",
     ),
     "outcomes that are none": (
-        lambda: paired.paired_difference([2], [1]),
+        lambda: paired_tests.paired_difference([2], [1]),
         "a paired difference of proportions needs outcomes 0 or 1",
     ),
     "labels that are numbers": (
-        lambda: paired.label_swap_test([0.5], [1], seed=0),
+        lambda: paired_tests.label_swap_test([0.5], [1], seed=0),
         "the first labels must be one string or integer per frame, got float64",
     ),
     "a p above 1": (
-        lambda: resampling.holm([0.5, 1.5]),
+        lambda: resamples.holm([0.5, 1.5]),
         "p value number 1 is 1.5: it must lie between 0 and 1",
     ),
     "no resamples": (
-        lambda: resampling.permute_mutual_information([[1, 2], [3, 4]], seed=0, resamples=0),
+        lambda: resamples.permute_mutual_information([[1, 2], [3, 4]], seed=0, resamples=0),
         "resamples=0: ask for at least one",
     ),
     "strata of another length": (
-        lambda: exchange.iid_trend_test([1, 0], [1, 2], [0], seed=0),
+        lambda: episode_permutation.iid_trend_test([1, 0], [1, 2], [0], seed=0),
         "1 strata for 2 frames: give one per frame",
     ),
     "ranks of another length": (
-        lambda: exchange.iid_trend_test([1, 0], [1], seed=0),
+        lambda: episode_permutation.iid_trend_test([1, 0], [1], seed=0),
         "2 levels against 1 gap ranks: give both for the same frames",
     ),
     "a level below none": (
-        lambda: exchange.iid_trend_test([-2], [1], seed=0),
+        lambda: episode_permutation.iid_trend_test([-2], [1], seed=0),
         "level must hold one braking level per frame, an integer of 0 or more, -1 for none",
     ),
     "a rank that is none": (
-        lambda: exchange.iid_trend_test([1], [np.inf], seed=0),
+        lambda: episode_permutation.iid_trend_test([1], [np.inf], seed=0),
         "gap_rank must hold one finite number per frame: rank a missing lead as the farthest",
     ),
     "no stratum": (
-        lambda: exchange.episodes_needed(0),
+        lambda: episode_permutation.episodes_needed(0),
         "strata=0 must be at least 1 and alpha=0.01 in (0, 1)",
     ),
     "answers of two shapes": (

@@ -9,11 +9,11 @@ import pytest
 import simulated
 from eyechart.frames import Frame
 from eyechart.spaces.space import Decision
-from eyechart.stats.paired import SignTest
+from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts import Ruling, calibrated_rules, earns_lateral, lateral_rules
 
 HOW = Resampling(resamples=999, seed=1, intervals=False)

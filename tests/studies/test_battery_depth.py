@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from drawn import answered
-from eyechart.calibrate.known import KNOWN, Known, by_sight
+from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
 from eyechart.calibrate.replication import answers_of, staged
-from eyechart.calibrate.world import SETTINGS, Shown, World, make_world
+from eyechart.calibrate.world import SETTINGS, SimulatedView, World, make_world
 from eyechart.conditions import OLDER, RANGED
-from eyechart.models.scripted import Sight
+from eyechart.models.scripted import PerceivedPicture
 from eyechart.stats.order import Density
-from eyechart.stats.paired import Places
+from eyechart.stats.paired_tests import Places
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.depth import moved_of
-from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
 
 SETTING = SETTINGS["default"]
@@ -30,14 +30,14 @@ def world() -> World:
     return make_world(SETTING, np.random.default_rng(7))
 
 
-def asked(known: Known, world: World) -> Answers:
+def asked(known: KnownController, world: World) -> Answers:
     """Return the answers that a run asks for, stage by stage."""
     return staged(answers_of(known, SETTING, world, random.Random(3)), Resampling())  # noqa: S311 - no secret
 
 
 def judged(answers: Answers) -> tuple[str, str]:
     """Return the label and what is said."""
-    ruling = calibrated_rules(Found(Calibrated(answers, Resampling())), turns=False)[0]
+    ruling = calibrated_rules(CalibratedStatistics(CalibratedTests(answers, Resampling())), turns=False)[0]
     return ruling.label, str(ruling.reason)
 
 
@@ -54,15 +54,15 @@ def test_who_does_not_brake_by_distance_is_not_asked_them(world: World) -> None:
     assert not set(RANGED) & asked(KNOWN["constant"], world).decisions.keys()
 
 
-def _reader_but(blind_on: int) -> Known:
+def _reader_but(blind_on: int) -> KnownController:
     """Return a reader of distance that goes on where the road has so many lanes."""
 
-    def decide(sight: Sight, rng: random.Random) -> str:
+    def decide(sight: PerceivedPicture, rng: random.Random) -> str:
         if sight.reading is not None and sight.reading.lanes == blind_on:
             return "STRAIGHT"
-        return str(KNOWN["depth"].choose(Shown(sight, None), 0.0, rng))
+        return str(KNOWN["depth"].choose(SimulatedView(sight, None), 0.0, rng))
 
-    return Known("blind_on", "", by_sight(decide), "", "", "")
+    return KnownController("blind_on", "", by_sight(decide), "", "", "")
 
 
 def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:

@@ -19,8 +19,8 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
 from eyechart.studies.battery.answers import read_answers
-from eyechart.studies.battery.calibrated import Calibrated, Found
-from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.stages import asked_of_model, supplied
 from eyechart.verdicts import calibrated_rules, judge
 
@@ -126,7 +126,7 @@ def test_drift_earns_no_depth(bank: FrameBank, tmp_path: Path, rule: Rule) -> No
         if not set(RANGED) <= set(controls):
             continue
         answers = read_answers("standin:steady", replies, replace(plan, controls={"standin:steady": controls}))
-        found = Found(Calibrated(answers, Resampling(99, plan.seed, intervals=False)))
+        found = CalibratedStatistics(CalibratedTests(answers, Resampling(99, plan.seed, intervals=False)))
         earned += calibrated_rules(found, turns=False)[0].label in {"depth", "partial_depth"}
     assert earned <= 1
     if rule in {drawn_to_the_near, lucky}:

@@ -31,8 +31,8 @@ from eyechart.manifest import LEDGER, RUN, read_manifest
 from eyechart.models import ADAPTERS, open_model
 from eyechart.records import plain
 from eyechart.studies import battery as study
-from eyechart.studies.battery import Asking, Extent, elsewhere
-from eyechart.studies.battery.elsewhere import Brought
+from eyechart.studies.battery import BatterySelection, BatterySettings, answer_import
+from eyechart.studies.battery.answer_import import ImportedAnswers
 from eyechart.testing import assert_grounded
 from eyechart.verdicts import judge
 from known import Demo
@@ -43,7 +43,7 @@ Row = dict[str, Any]
 KEYS = ("call", "frame", "condition", "repeat")
 NOISY = "standin:noisy"
 INSPECT_LOG = Path(__file__).parents[1] / "inspect_logs" / "battery.json"
-ALL = Asking(extent=Extent(controls="all"))
+ALL = BatterySettings(extent=BatterySelection(controls="all"))
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +52,9 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     return banks.build_bank(tmp_path_factory.mktemp("elsewhere") / "bank", controls=True)
 
 
-def exported(bank: Path, out: Path, asking: Asking | None = None, model: str | None = None) -> list[Row]:
+def exported(bank: Path, out: Path, asking: BatterySettings | None = None, model: str | None = None) -> list[Row]:
     """Export a battery's calls, and return the rows of its table, with what only the exporter knows of them."""
-    asked = study.questions_of(bank, asking or Asking(), model)
+    asked = study.questions_of(bank, asking or BatterySettings(), model)
     study.write_questions(asked, out)
     return known(asked, rows_of(out))
 
@@ -139,9 +139,13 @@ def as_log(path: Path, rows: list[Row]) -> Path:
     return path
 
 
-def imported(bank: Path, answers: Path, out: Path, asking: Asking | None = None, name: str = "vlm") -> Brought:
+def imported(
+    bank: Path, answers: Path, out: Path, asking: BatterySettings | None = None, name: str = "vlm"
+) -> ImportedAnswers:
     """Import answers into a run; return what they held."""
-    return elsewhere.bring(elsewhere.read_import(bank, elsewhere.source_of(answers), out, name, asking or Asking()))
+    return answer_import.bring(
+        answer_import.read_import(bank, answer_import.source_of(answers), out, name, asking or BatterySettings())
+    )
 
 
 @cache
@@ -156,7 +160,7 @@ def statistics_of(run: Path) -> tuple[object, ...]:
 def test_a_demo_controller_asked_elsewhere_has_the_statistics_of_its_own_run(demo: Demo, tmp_path: Path) -> None:
     """Export, answer from the files alone, import, and again for the controls that the answers call for."""
     out, native = tmp_path / "run", demo.alone("depth_lateral", tmp_path / "native")
-    answer, rounds, asked = by_model("scripted:depth_lateral"), 0, study.questions_of(demo.bank, Asking())
+    answer, rounds, asked = by_model("scripted:depth_lateral"), 0, study.questions_of(demo.bank, BatterySettings())
     while asked.left:
         rounds += 1
         folder = tmp_path / f"asked-{rounds}"
@@ -183,7 +187,7 @@ def noisy(bank: FrameBank, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pa
     folder = tmp_path_factory.mktemp("noisy")
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ADAPTERS, "standin", "stand_ins")
-        study.run(study.plan(bank.root, [NOISY], folder / "native", extent=Extent(controls="all")))
+        study.run(study.plan(bank.root, [NOISY], folder / "native", extent=BatterySelection(controls="all")))
     rows = exported(bank.root, folder / "asked", ALL, NOISY)
     return folder / "native", folder / "asked", answered(rows, folder / "asked", stand_ins.noisy)
 
@@ -253,7 +257,7 @@ def test_answers_to_older_exports_are_imported_too(
     assert digests_of(tmp_path / "run") == digests_of(native)
     with pytest.raises(SourceError, match="is answered twice"):
         imported(bank.root, json_lines(tmp_path / "b.jsonl", [bare[0], before[0]]), tmp_path / "other", ALL)
-    few = replace(ALL, extent=Extent(limit=2, controls="all"))
+    few = replace(ALL, extent=BatterySelection(limit=2, controls="all"))
     with pytest.raises(SourceError, match="is not among the --limit 2 frames of this run"):
         imported(bank.root, json_lines(tmp_path / "c.jsonl", bare), tmp_path / "other", few)
 
@@ -291,16 +295,16 @@ def test_a_run_gets_another_model_only_where_it_is_named(
 ) -> None:
     """The name of a file is no choice of a second model; what a run gets besides answers is said."""
     rows, out = noisy[2], tmp_path / "run"
-    first = elsewhere.source_of(json_lines(tmp_path / "first.jsonl", rows[:20]))
-    assert elsewhere.bring(elsewhere.read_import(bank.root, first, out, None, ALL)).new == 20
+    first = answer_import.source_of(json_lines(tmp_path / "first.jsonl", rows[:20]))
+    assert answer_import.bring(answer_import.read_import(bank.root, first, out, None, ALL)).new == 20
     before = read_manifest(out)
-    rest = elsewhere.source_of(json_lines(tmp_path / "rest.jsonl", rows[20:40]))
+    rest = answer_import.source_of(json_lines(tmp_path / "rest.jsonl", rows[20:40]))
     with pytest.raises(SpecError, match=r"holds answers of first, and .* would be those of 'rest': say with --model"):
-        elsewhere.read_import(bank.root, rest, out, None, ALL)
-    same = elsewhere.read_import(bank.root, rest, out, "first", ALL)
-    assert (same.widened, elsewhere.bring(same).new) == ((), 20)
+        answer_import.read_import(bank.root, rest, out, None, ALL)
+    same = answer_import.read_import(bank.root, rest, out, "first", ALL)
+    assert (same.widened, answer_import.bring(same).new) == ((), 20)
     assert read_manifest(out).models == before.models
-    (words,) = elsewhere.read_import(bank.root, rest, out, "rest", ALL).widened
+    (words,) = answer_import.read_import(bank.root, rest, out, "rest", ALL).widened
     assert "elsewhere:rest is a model besides elsewhere:first" in words
 
 
@@ -309,18 +313,18 @@ def test_an_import_says_what_else_a_run_is_asked_now(
 ) -> None:
     """More conditions, more frames, other controls."""
     out, real = tmp_path / "run", [row for row in noisy[2] if row["condition"] == "real"]
-    few = Asking(conditions=("real",), extent=Extent(limit=6, controls="none"))
+    few = BatterySettings(conditions=("real",), extent=BatterySelection(limit=6, controls="none"))
     asked = {row["call"] for row in exported(bank.root, tmp_path / "asked", few)}
     answers = json_lines(tmp_path / "a.jsonl", [row for row in real if row["call"] in asked])
     assert imported(bank.root, answers, out, few).new == 6
-    more = Asking(conditions=("real", "blank"), extent=Extent(limit=8, controls="auto"))
-    words = elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", more).widened
+    more = BatterySettings(conditions=("real", "blank"), extent=BatterySelection(limit=8, controls="auto"))
+    words = answer_import.read_import(bank.root, answer_import.source_of(answers), out, "vlm", more).widened
     assert [one.removeprefix(f"{out} grows: ").partition(",")[0].partition(":")[0] for one in words] == [
         "it now has blank too",
         "it now has 8 frames",
         "its controls are now 'auto'",
     ]
-    assert elsewhere.read_import(bank.root, elsewhere.source_of(answers), out, "vlm", few).widened == ()
+    assert answer_import.read_import(bank.root, answer_import.source_of(answers), out, "vlm", few).widened == ()
 
 
 @pytest.mark.parametrize("word", ["None", "nan", "NaN", "null", " N/A"])
@@ -490,11 +494,11 @@ def test_an_import_goes_on_where_it_was_killed_and_refuses_other_answers(
 ) -> None:
     """What the run holds is not written twice, and what it holds otherwise is named."""
     rows, out = noisy[2], tmp_path / "run"
-    read = elsewhere.read_import(
-        bank.root, elsewhere.source_of(json_lines(tmp_path / "a.jsonl", rows)), out, "vlm", ALL
+    read = answer_import.read_import(
+        bank.root, answer_import.source_of(json_lines(tmp_path / "a.jsonl", rows)), out, "vlm", ALL
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eyechart.studies.battery.elsewhere._AT_ONCE", 40)
+        patch.setattr("eyechart.studies.battery.answer_import._AT_ONCE", 40)
         begin, begun = Ledger.begin, []
 
         def killed(self: Ledger, key: CallKey, digest: str, *, again: bool) -> Attempt:
@@ -505,7 +509,7 @@ def test_an_import_goes_on_where_it_was_killed_and_refuses_other_answers(
 
         patch.setattr(Ledger, "begin", killed)
         with pytest.raises(KeyboardInterrupt):
-            elsewhere.bring(read)
+            answer_import.bring(read)
     assert len(replies_of(out)) == 80
     found = imported(bank.root, tmp_path / "a.jsonl", out, ALL)
     assert (found.there, found.new) == (80, len(rows) - 80)
@@ -593,11 +597,16 @@ def test_all_faults_are_named_at_once(bank: FrameBank, noisy: tuple[Path, Path, 
         imported(bank.root, json_lines(tmp_path / "a.jsonl", rows), tmp_path / "run", ALL)
     assert "row 21: frame" in str(raised.value)
     assert "is answered twice" in str(raised.value)
-    few = replace(ALL, extent=Extent(limit=2, controls="all"))
+    few = replace(ALL, extent=BatterySelection(limit=2, controls="all"))
     with pytest.raises(SourceError, match="is not among the --limit 2 frames of this run"):
         imported(bank.root, json_lines(tmp_path / "b.jsonl", rows[:20]), tmp_path / "run", few)
     with pytest.raises(SourceError, match="is none of this run: give the --conditions"):
-        imported(bank.root, json_lines(tmp_path / "b.jsonl", rows[:20]), tmp_path / "run", Asking(conditions=("real",)))
+        imported(
+            bank.root,
+            json_lines(tmp_path / "b.jsonl", rows[:20]),
+            tmp_path / "run",
+            BatterySettings(conditions=("real",)),
+        )
     for lacking in ("call", "text"):
         bare = [{name: value for name, value in row.items() if name != lacking} for row in rows[:2]]
         with pytest.raises(SourceError, match=f"has no column '{lacking}'"):
@@ -618,7 +627,7 @@ def test_the_export_is_there_whole_or_not_at_all(bank: FrameBank, tmp_path: Path
     """Nothing is written over, and an export that is cut leaves no part."""
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_text("mine")
-    asked = study.questions_of(bank.root, Asking(conditions=("real", "blank")))
+    asked = study.questions_of(bank.root, BatterySettings(conditions=("real", "blank")))
     with pytest.raises(OutputError, match="exists and is not empty"):
         study.write_questions(asked, tmp_path / "taken")
 
@@ -644,7 +653,7 @@ def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_p
     killed = subprocess.run([sys.executable, "-c", script, str(bank.root), str(out)], check=False)
     assert killed.returncode == -9
     assert [one.name for one in tmp_path.iterdir()] == [left.name]
-    asked = study.questions_of(bank.root, Asking(conditions=("real", "blank")))
+    asked = study.questions_of(bank.root, BatterySettings(conditions=("real", "blank")))
 
     def second(done: int, _: int) -> None:
         if done == 10:
@@ -672,7 +681,7 @@ def test_words_of_a_bank_are_no_formula_in_the_sheet(tmp_path: Path) -> None:
     """The exact words stand in the lines of JSON."""
     made = banks.build_bank(tmp_path / "bank", scenarios=["light"])
     (tmp_path / "ask.toml").write_text('name = "ask"\nsystem = "=1+1"\nuser = "{actions}"\n')
-    rows = exported(made.root, tmp_path / "out", Asking(str(tmp_path / "ask.toml"), ("real",)))
+    rows = exported(made.root, tmp_path / "out", BatterySettings(str(tmp_path / "ask.toml"), ("real",)))
     assert rows[0]["system"] == "=1+1"
     with (tmp_path / "out" / "asked.csv").open(encoding="utf-8", newline="") as file:
         assert next(csv.DictReader(file))["system"] == "'=1+1"

@@ -19,7 +19,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run, write_run
 from eyechart.models import ADAPTERS
 from eyechart.studies import battery as study
-from eyechart.studies.battery import planning
+from eyechart.studies.battery import plans
 
 NOISY, STEADY = stand_ins.SPECS
 WITHOUT_TEXT = tuple(name for name in OF_BANKS if not CONDITIONS[name].needs & {"text", "control"})
@@ -93,8 +93,8 @@ def test_a_run_is_whole_and_counts_as_finished(bank: FrameBank, tmp_path: Path) 
 def test_models_conditions_and_frames_may_be_added_to_a_run(bank: FrameBank, tmp_path: Path) -> None:
     """Each command asks only for its own; together they are the run of all at once."""
     out = tmp_path / "run"
-    plan_and_run(bank, out, STEADY, conditions=["real", "blank"], extent=study.Extent(4))
-    plan_and_run(bank, out, NOISY, conditions=["mirrored"], extent=study.Extent(2))
+    plan_and_run(bank, out, STEADY, conditions=["real", "blank"], extent=study.BatterySelection(4))
+    plan_and_run(bank, out, NOISY, conditions=["mirrored"], extent=study.BatterySelection(2))
     grown = plan_and_run(bank, out, NOISY, STEADY)
     manifest = read_run(out)[0]
     assert (set(manifest.models), set(manifest.conditions), manifest.limit) == (
@@ -118,7 +118,7 @@ def test_naming_a_model_or_a_condition_twice_asks_once(bank: FrameBank, tmp_path
     [
         ({"seed": 1}, "seed 0, now seed 1"),
         ({"prompt": "minimal"}, "prompt baseline@.*, now prompt minimal@"),
-        ({"extent": study.Extent(shard=(1, 2))}, r"shard None, now shard \(1, 2\)"),
+        ({"extent": study.BatterySelection(shard=(1, 2))}, r"shard None, now shard \(1, 2\)"),
     ],
 )
 def test_resuming_with_other_options_is_refused(
@@ -185,7 +185,7 @@ def test_a_damaged_bank_is_refused_before_any_call(bank: FrameBank, tmp_path: Pa
         (("nobody:x",), {}, "scripted:NAME"),
         ((STEADY,), {"prompt": "poem"}, "known are baseline"),
         ((STEADY,), {"conditions": ["snow"]}, "known are real"),
-        ((STEADY,), {"extent": study.Extent(0)}, "--limit needs at least 1"),
+        ((STEADY,), {"extent": study.BatterySelection(0)}, "--limit needs at least 1"),
     ],
 )
 def test_unknown_names_are_refused_while_planning(
@@ -264,7 +264,7 @@ def test_a_ledger_that_cannot_be_written_is_one_line(
 
         raise sqlite3.OperationalError("database or disk is full")
 
-    monkeypatch.setattr(planning, "execute", full)
+    monkeypatch.setattr(plans, "execute", full)
     with pytest.raises(LedgerError, match=r"ledger\.sqlite cannot be written: the disk is full; the same"):
         study.run(planned)
     assert not FileLock(tmp_path / "run" / ".lock").is_locked
@@ -274,9 +274,9 @@ def test_a_ledger_that_cannot_be_written_is_one_line(
 def test_merged_shards_are_the_run_of_all(bank: FrameBank, tmp_path: Path, order: list[int]) -> None:
     """In any order of the shards: the same calls, the same replies, the same manifest."""
     count = len(order)
-    options = {"conditions": ["real", "noise", "lead_near"], "extent": study.Extent(7)}
+    options = {"conditions": ["real", "noise", "lead_near"], "extent": study.BatterySelection(7)}
     for index in range(1, count + 1):
-        part = {**options, "extent": study.Extent(7, (index, count))}
+        part = {**options, "extent": study.BatterySelection(7, (index, count))}
         plan_and_run(bank, tmp_path / str(index), NOISY, STEADY, **part)
     calls = study.merge([tmp_path / str(index) for index in order], tmp_path / "merged")
     plan_and_run(bank, tmp_path / "whole", NOISY, STEADY, **options)
@@ -288,8 +288,8 @@ def test_merged_shards_are_the_run_of_all(bank: FrameBank, tmp_path: Path, order
 
 def test_unfinished_shards_merge_and_the_whole_resumes(bank: FrameBank, tmp_path: Path) -> None:
     """Also where a shard is missing: what it would have asked is asked then."""
-    plan_and_run(bank, tmp_path / "1", STEADY, extent=study.Extent(shard=(1, 3)))
-    second = study.plan(bank.root, [STEADY], tmp_path / "2", extent=study.Extent(shard=(2, 3)))
+    plan_and_run(bank, tmp_path / "1", STEADY, extent=study.BatterySelection(shard=(1, 3)))
+    second = study.plan(bank.root, [STEADY], tmp_path / "2", extent=study.BatterySelection(shard=(2, 3)))
     study.run(replace(second, plan=replace(second.plan, frames=second.plan.frames[:3])))
     with Ledger(tmp_path / "2" / LEDGER, create=True) as ledger:
         ledger.begin(next(key for key in second.plan.keys_of(STEADY) if key not in ledger.finished()), "")
@@ -304,11 +304,13 @@ def test_unfinished_shards_merge_and_the_whole_resumes(bank: FrameBank, tmp_path
 
 def test_what_are_no_parts_of_one_run_does_not_merge(bank: FrameBank, tmp_path: Path) -> None:
     """Doubles, other seeds, other pictures, no shard, no run and a taken place: refused, and nothing stays."""
-    plan_and_run(bank, tmp_path / "one", STEADY, extent=study.Extent(shard=(1, 2)))
-    plan_and_run(bank, tmp_path / "other", STEADY, extent=study.Extent(shard=(2, 2)), seed=1)
+    plan_and_run(bank, tmp_path / "one", STEADY, extent=study.BatterySelection(shard=(1, 2)))
+    plan_and_run(bank, tmp_path / "other", STEADY, extent=study.BatterySelection(shard=(2, 2)), seed=1)
     shutil.copytree(bank.root, tmp_path / "repainted")
     repaint(tmp_path / "repainted")
-    study.run(study.plan(tmp_path / "repainted", [STEADY], tmp_path / "painted", extent=study.Extent(shard=(2, 2))))
+    study.run(
+        study.plan(tmp_path / "repainted", [STEADY], tmp_path / "painted", extent=study.BatterySelection(shard=(2, 2)))
+    )
     before = sorted(path.name for path in tmp_path.iterdir())
     for shards, named in (
         (["one", "one"], "finished in both ledgers"),

@@ -18,11 +18,11 @@ from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
-from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.odds import LEFT_OUT, odds_of
+from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.power import power_of
-from eyechart.studies.battery.published import Resampling
 from eyechart.verdicts import calibrated_rules
 
 
@@ -213,7 +213,7 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
         return "STOP" if gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
 
     frames = simulated.frames()
-    found = Found(Calibrated(simulated.answers(rule, frames), Resampling(resamples=99)))
+    found = CalibratedStatistics(CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99)))
     read = set[str]()
 
     class Read(Mapping[str, Statistic]):

@@ -9,9 +9,9 @@ import simulated
 from eyechart.errors import SpecError
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import Discrete
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.replication import Difference, differences
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.replication import StatisticDifference, differences
+from eyechart.studies.battery.scores import statistics_of
 
 WORLD = simulated.frames(steps=6)
 
@@ -39,12 +39,14 @@ def test_each_run_has_the_value_that_its_score_has() -> None:
     for side, answers in (("first", first), ("second", second)):
         scored = statistics_of(answers, Resampling(resamples=50, intervals=False))
         for name, one in found.items():
-            if isinstance(one, Difference):
+            if isinstance(one, StatisticDifference):
                 assert getattr(one, side) == pytest.approx(scored[name].value), name
                 compared += 1
     assert compared > 50
     assert all(
-        one.value == pytest.approx(one.second - one.first) for name, one in found.items() if isinstance(one, Difference)
+        one.value == pytest.approx(one.second - one.first)
+        for name, one in found.items()
+        if isinstance(one, StatisticDifference)
     )
 
 

@@ -12,8 +12,8 @@ from eyechart.frames import Frame
 from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 
 HOW = Resampling(resamples=499, seed=0)
 WORLD = simulated.frames()

@@ -25,8 +25,8 @@ from eyechart.models import ADAPTERS
 from eyechart.models.prices import Prices
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery as study
-from eyechart.studies.battery import Extent, stages
-from eyechart.studies.battery.planning import plan_of
+from eyechart.studies.battery import BatterySelection, stages
+from eyechart.studies.battery.plans import plan_of
 from eyechart.transfer import transfer
 from eyechart.verdicts import judge
 
@@ -107,7 +107,7 @@ def order(out: Path, spec: str) -> list[str]:
         return [one.key.condition for one in ledger.attempts(spec)]
 
 
-def asked(out: Path) -> dict[str, stages.Asked]:
+def asked(out: Path) -> dict[str, stages.ControlProgress]:
     """Return what manifest, bank and ledger say that each model is asked."""
     manifest, its_bank = read_run(out)
     with Ledger(out / LEDGER) as ledger:
@@ -116,7 +116,7 @@ def asked(out: Path) -> dict[str, stages.Asked]:
 
 def planned(bank: FrameBank, out: Path, *specs: str, **extent: object) -> study.Battery:
     """Plan a battery."""
-    return study.plan(bank.root, specs, out, extent=Extent(**extent))  # type: ignore[arg-type]
+    return study.plan(bank.root, specs, out, extent=BatterySelection(**extent))  # type: ignore[arg-type]
 
 
 def make(bank: FrameBank, out: Path, *specs: str, **extent: object) -> study.Battery:
@@ -235,7 +235,7 @@ def test_a_stage_makes_no_call_again_that_a_walk_over_the_frames_has_made(bank: 
     manifest, its_bank = read_run(tmp_path / "run")
     plan = plan_of(manifest, its_bank)
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
-        more = stages.InStages(plan, plan, manifest, ledger).more(READER)
+        more = stages.AdaptiveStages(plan, plan, manifest, ledger).more(READER)
         assert not ledger.finished().intersection(more)
     assert len(more) == 2 * LEADS - 20
 
@@ -282,7 +282,7 @@ def test_conditions_that_are_named_are_all_that_is_asked(bank: FrameBank, tmp_pa
     names = ["real", "real_repeat", "lead_near", "lead_far"]
     made = study.plan(bank.root, [READER], tmp_path / "run", conditions=names)
     assert (made.manifest.controls, sum(made.more_by_model().values())) == ("none", 0)
-    both = study.plan(bank.root, [READER], tmp_path / "run", conditions=names, extent=Extent(controls="auto"))
+    both = study.plan(bank.root, [READER], tmp_path / "run", conditions=names, extent=BatterySelection(controls="auto"))
     study.run(both)
     assert set(order(tmp_path / "run", READER)) == {*names, *LANES, *REST}
 

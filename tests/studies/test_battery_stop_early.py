@@ -29,14 +29,14 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
 from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
-from eyechart.studies.battery.stopping import NEEDED, EarlyStop
+from eyechart.studies.battery.early_stop import NEEDED, EarlyStop
 from eyechart.verdicts import NOT_JUDGED, judge
 from known import Demo
 
 pytestmark = pytest.mark.slow
 
 STEADY, LOSING, LOCKED = "standin:steady", "standin:losing", "standin:locked"
-EARLY = study.Extent(stop_early=True)
+EARLY = study.BatterySelection(stop_early=True)
 SCORED = functools.cache(functools.partial(study.score, resamples=99))
 """Scores a run that no test changes once, with few resamples."""
 CLEAR = ("constant", "truncating", "depth", "presence", "depth_lateral", "refuse_blank")
@@ -226,7 +226,7 @@ def test_a_stopped_run_asks_no_more_when_it_is_run_again(bank: FrameBank, stoppe
 def test_a_settled_label_stays_whatever_is_asked_of_the_run_later(tmp_path: Path) -> None:
     """More models come and the command is given again; more controls, which might unsettle it, are refused."""
     moved = banks.build_bank(tmp_path / "bank", episodes=4, steps=6, controls=True)
-    out, extent = tmp_path / "run", study.Extent(stop_early=True, controls="none")
+    out, extent = tmp_path / "run", study.BatterySelection(stop_early=True, controls="none")
     study.run(study.plan(moved.root, [STEADY], out, extent=extent), concurrency=1)
     before = study.score(out, resamples=99)
     settled = before.models[STEADY].stopped
@@ -362,7 +362,7 @@ def test_one_with_errors_is_asked_for_what_was_left_out(bank: FrameBank, tmp_pat
 
 
 REFUSED = {
-    "shard": ({"extent": study.Extent(shard=(1, 2), stop_early=True)}, "leave out --shard"),
+    "shard": ({"extent": study.BatterySelection(shard=(1, 2), stop_early=True)}, "leave out --shard"),
     "conditions": ({"extent": EARLY, "conditions": ["real", "blank"]}, "--conditions lacks real_repeat"),
 }
 
@@ -380,7 +380,7 @@ def test_a_run_is_resumed_as_it_was_begun(bank: FrameBank, stopped: Path, tmp_pa
     """Neither is a run that stops early resumed without, nor another one with it."""
     with pytest.raises(LedgerError, match="this run has stop_early True, now stop_early False was asked for"):
         study.plan(bank.root, [STEADY], stopped)
-    study.run(study.plan(bank.root, [STEADY], tmp_path / "run", extent=study.Extent(2)))
+    study.run(study.plan(bank.root, [STEADY], tmp_path / "run", extent=study.BatterySelection(2)))
     with pytest.raises(LedgerError, match="stop_early False"):
         study.plan(bank.root, [STEADY], tmp_path / "run", extent=EARLY)
 
@@ -388,7 +388,7 @@ def test_a_run_is_resumed_as_it_was_begun(bank: FrameBank, stopped: Path, tmp_pa
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"extent": study.Extent(10, stop_early=True)}, "begun with all frames, now --limit 10 was given"),
+        ({"extent": study.BatterySelection(10, stop_early=True)}, "begun with all frames, now --limit 10 was given"),
         ({"extent": EARLY, "conditions": NEEDED}, "now --conditions real,real_repeat,blank was given"),
     ],
 )

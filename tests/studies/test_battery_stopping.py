@@ -12,9 +12,9 @@ from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.evidence import Row, claims, fewest_turns
-from eyechart.studies.battery.stopping import Course, Layout, layout_of, typical
-from eyechart.verdicts import LABELS, LATERAL, Stopped
+from eyechart.studies.battery.early_stop import QuestionOrder, StoppingState, layout_of, typical
+from eyechart.studies.battery.evidence import FrameAnswers, claims, fewest_turns
+from eyechart.verdicts import LABELS, LATERAL, StoppingPoint
 
 Given = dict[tuple[str, str], Decision[str]]
 FRAMES = simulated.frames()
@@ -22,7 +22,7 @@ FIRST = (*simulated.CONDITIONS, *simulated.COUNTERFACTUALS)
 ALL = (*FIRST, *simulated.RANGED, *simulated.ALWAYS)
 
 
-def layout(conditions: tuple[str, ...] = ALL, *, frames: tuple[Frame, ...] = FRAMES, seed: int = 0) -> Layout:
+def layout(conditions: tuple[str, ...] = ALL, *, frames: tuple[Frame, ...] = FRAMES, seed: int = 0) -> QuestionOrder:
     """Return the layout of a run that asks every condition of every frame."""
     return layout_of(frames, {frame.id: conditions for frame in frames}, DRIVING, seed)
 
@@ -37,9 +37,9 @@ def given(answers: Answers) -> Given:
     }
 
 
-def settle(rule: simulated.Rule, conditions: tuple[str, ...] = ALL, *, seed: int = 0) -> Stopped | None:
+def settle(rule: simulated.Rule, conditions: tuple[str, ...] = ALL, *, seed: int = 0) -> StoppingPoint | None:
     """Return where a simulated controller is settled."""
-    course, counterfactuals = Course(layout(conditions, seed=seed)), "lead_near" in conditions
+    course, counterfactuals = StoppingState(layout(conditions, seed=seed)), "lead_near" in conditions
     calls = given(simulated.answers(rule, FRAMES, counterfactuals=counterfactuals, seed=seed))
     course.advance(calls)
     return course.stopped(len(course.counted))
@@ -149,11 +149,11 @@ def test_a_coin_is_asked_to_the_end() -> None:
 def test_the_order_of_arrival_has_no_say(label: str) -> None:
     """Calls that come in any order, some of them beyond the stop, settle the same verdict with the same calls."""
     calls = given(simulated.answers(CLEAR[label], FRAMES))
-    whole = Course(layout())
+    whole = StoppingState(layout())
     whole.advance(calls)
     arriving = list(calls)
     random.Random(3).shuffle(arriving)  # noqa: S311 - no secret
-    course, so_far = Course(layout()), {}
+    course, so_far = StoppingState(layout()), {}
     for place, key in enumerate(arriving):
         so_far[key] = calls[key]
         if place % 7 == 0:
@@ -212,7 +212,7 @@ def any_lead(condition: str, frame: Frame, rng: object) -> str:
 
 def test_an_absence_is_not_settled_before_a_picture_without_the_lead() -> None:
     """Who answers by whether there is any lead gives one answer where every frame has one."""
-    course = Course(layout())
+    course = StoppingState(layout())
     course.advance(given(simulated.answers(any_lead, FRAMES)))
     assert course.label == "image_invariant"
     assert course.exhausted
@@ -222,7 +222,7 @@ def test_an_absence_is_not_settled_before_a_picture_without_the_lead() -> None:
 @pytest.mark.parametrize("rule", [layout_follower, zigzag, cached, band, exchanged])
 def test_distance_is_not_settled_before_its_controls(rule: simulated.Rule) -> None:
     """Who brakes for whoever is near, the wrong way round, or by the file, has near over far and no early verdict."""
-    course = Course(layout())
+    course = StoppingState(layout())
     course.advance(given(simulated.answers(rule, FRAMES)))
     assert course.claims["near_far"].settled
     assert course.label == "depth"
@@ -233,7 +233,7 @@ def test_distance_is_not_settled_before_its_controls(rule: simulated.Rule) -> No
 
 def test_the_walk_over_the_controls_of_depth_asks_all_frames() -> None:
     """What the rules of depth read is asked of all frames, and nothing else beyond the first few."""
-    course = Course(layout())
+    course = StoppingState(layout())
     calls = given(simulated.answers(depth, FRAMES))
     course.advance({key: one for key, one in calls.items() if key[1] in FIRST})
     first = course.layout.order[0]
@@ -252,7 +252,7 @@ def test_a_missing_call_holds_everything_back() -> None:
     calls = given(simulated.answers(depth, FRAMES))
     asked = layout()
     del calls[asked.order[4], "shuffled"]
-    course = Course(asked)
+    course = StoppingState(asked)
     course.advance(calls)
     assert (course.frames, course.stopped(len(calls))) == (4, None)
 
@@ -260,7 +260,7 @@ def test_a_missing_call_holds_everything_back() -> None:
 def test_once_distance_is_settled_only_its_checks_are_asked() -> None:
     """Then real, its repeat and its reflection are wanted, and after the stop nothing; here without controls."""
     asked = layout(FIRST)
-    course = Course(asked)
+    course = StoppingState(asked)
     calls = given(simulated.answers(depth, FRAMES))
     first = asked.order[0]
     assert course.wanted(first) == FIRST
@@ -289,7 +289,7 @@ def test_what_is_settled_stays_whatever_is_answered_later(label: str) -> None:
     """Calls that were under way come back after the stop, and say the opposite: nothing of it changes."""
     asked = layout(FIRST if label == "depth_associated" else ALL)
     calls = given(simulated.answers(CLEAR[label], FRAMES))
-    course = Course(asked)
+    course = StoppingState(asked)
     course.advance(calls)
     settled, statistics = course.stopped(len(course.counted)), course.statistics()
     assert settled is not None
@@ -302,7 +302,7 @@ def test_what_is_settled_stays_whatever_is_answered_later(label: str) -> None:
 def test_errors_settle_nothing() -> None:
     """A model whose every call fails is not called unscorable early: its frames are evidence for nothing."""
     asked = layout()
-    course = Course(asked)
+    course = StoppingState(asked)
     course.advance({(frame, name): Decision(None, "error") for frame in asked.order for name in ALL})
     assert course.exhausted
     assert course.stopped(len(course.counted)) is None
@@ -315,7 +315,7 @@ def test_losing_answers_late_turns_a_verdict_into_not_scorable() -> None:
     calls = given(simulated.answers(depth, FRAMES))
     for frame in asked.order[12:60]:
         calls[frame, "real"] = calls[frame, "real_repeat"] = Decision(None, "refused")
-    course = Course(asked)
+    course = StoppingState(asked)
     course.advance(calls)
     stopped = course.stopped(len(course.counted))
     assert stopped is not None
@@ -352,7 +352,7 @@ def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
         return "HALT" if float(str(metres.get(shown, 99))) < 40 else "GO"
 
     calls = {(frame.id, name): Decision(answer(frame, name)) for frame in FRAMES for name in ALL}
-    course = Course(asked)
+    course = StoppingState(asked)
     course.advance(calls)
     stopped = course.stopped(len(course.counted))
     assert stopped is not None
@@ -363,7 +363,7 @@ def test_no_direction_or_no_mirror_leaves_only_the_label_to_settle() -> None:
 def test_a_bank_too_small_to_settle_anything_is_asked_to_its_end() -> None:
     """Ten frames bound nothing: every call is made, and the ordinary rules judge."""
     asked = layout(frames=FRAMES[:10])
-    course = Course(asked)
+    course = StoppingState(asked)
     course.advance({(frame, name): Decision("SLOW") for frame in asked.order for name in ALL})
     assert course.exhausted
     assert len(course.counted) == asked.planned
@@ -380,7 +380,7 @@ def test_another_seed_is_another_order() -> None:
 def test_without_shuffled_pictures_no_absence_is_settled() -> None:
     """The bound on the content of a picture is needed, as without stopping."""
     names = tuple(name for name in ALL if name != "shuffled")
-    course = Course(layout(names))
+    course = StoppingState(layout(names))
     course.advance({key: one for key, one in given(simulated.answers(constant, FRAMES)).items() if key[1] in names})
     assert course.stopped(len(course.counted)) is None
 
@@ -403,9 +403,11 @@ def test_fewest_turns_are_those_that_a_permutation_can_tell() -> None:
     assert [fewest_turns(labels) for labels in (2, 4)] == [9, 6]
 
 
-def row(space: Discrete = DRIVING, **answers: str) -> Row:
+def row(space: Discrete = DRIVING, **answers: str) -> FrameAnswers:
     """Return a frame's answers; an empty one holds no decision."""
-    return Row({name: Decision(one) if one else Decision(None, "refused") for name, one in answers.items()}, space)
+    return FrameAnswers(
+        {name: Decision(one) if one else Decision(None, "refused") for name, one in answers.items()}, space
+    )
 
 
 SAME = {"real": "SLOW", "real_repeat": "SLOW", "blank": "SLOW", "shuffled": "SLOW"}

@@ -7,9 +7,9 @@ import banks
 from eyechart.frames import LEAD_GAP
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
-from eyechart.studies.battery import published
+from eyechart.studies.battery import paper_statistics
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import Published, Resampling
+from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
 
 GAPS_M = (5.0, 30.0, 12.0, None, 8.0, 40.0, 22.0, 9.0, 31.0, 6.0)
 REAL = ("STOP", "LEFT", "SLOW", "STRAIGHT", None, "STRAIGHT", "SLOW", "RIGHT", "LEFT", "STOP")
@@ -50,12 +50,12 @@ def test_sums_by_episode_are_loops_over_frames() -> None:
     """An episode of which no frame is left has no row."""
     episodes = np.array([4, 0, 4, 2])
     values = np.array([[1.0, 2], [3, 4], [5, 6], [7, 8]])
-    assert published._sums_by_episode(values, episodes).tolist() == [[3, 4], [7, 8], [6, 8]]
+    assert paper_statistics._sums_by_episode(values, episodes).tolist() == [[3, 4], [7, 8], [6, 8]]
 
 
 def test_the_median_gaps_of_three_episodes_have_a_value_and_no_interval() -> None:
     """Frames without a lead count as the farthest; so few episodes say too little of the medians."""
-    found = Published(answers(), Resampling(resamples=99))._gap_order()
+    found = PaperStatistics(answers(), Resampling(resamples=99))._gap_order()
     gaps = np.array([40.0 if gap is None else gap for gap in GAPS_M])
     braking = np.isin(np.array(REAL, dtype=str), DRIVING.brake)
     going = np.isin(np.array(REAL, dtype=str), DRIVING.proceed)

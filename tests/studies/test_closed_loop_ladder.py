@@ -15,7 +15,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import Scalar
 from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import clopper_pearson
-from eyechart.stats.paired import mcnemar_exact
+from eyechart.stats.paired_tests import mcnemar_exact
 from eyechart.studies.closed_loop import score
 from eyechart.studies.closed_loop.ladder import NO_INTERVAL
 from eyechart.studies.closed_loop.tables import PUBLISHED, beside_paper, leads, unlike

@@ -16,7 +16,7 @@ from eyechart.studies import guardian as study
 from eyechart.studies.guardian.frozen import Selection, require_own, shared_frames
 from published_votes import GEMMA, QWEN, published
 
-Change = Callable[[study.About], study.About]
+Change = Callable[[study.VoteProvenance], study.VoteProvenance]
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def table() -> study.VoteTable:
 
 
 @pytest.fixture(scope="module")
-def frozen(table: study.VoteTable) -> study.Frozen:
+def frozen(table: study.VoteTable) -> study.FrozenGuardian:
     """Return the guardian that the 16 calibration frames choose."""
     return study.fit(table.part("calibration"))
 
@@ -60,7 +60,7 @@ VERSIONS: dict[str, tuple[str, Change]] = {
 
 @pytest.mark.parametrize("what", DIFFERENCES)
 def test_votes_that_came_about_otherwise_are_refused_by_name(
-    table: study.VoteTable, frozen: study.Frozen, what: str
+    table: study.VoteTable, frozen: study.FrozenGuardian, what: str
 ) -> None:
     """Another bank, prompt, view or reader: each said by name, and both sides of it."""
     name, mine, change = DIFFERENCES[what]
@@ -73,7 +73,7 @@ def test_votes_that_came_about_otherwise_are_refused_by_name(
 
 @pytest.mark.parametrize("what", VERSIONS)
 def test_votes_of_another_version_of_a_model_are_refused(
-    table: study.VoteTable, frozen: study.Frozen, what: str
+    table: study.VoteTable, frozen: study.FrozenGuardian, what: str
 ) -> None:
     """By its digest, or by what its replies name as their model."""
     model, change = VERSIONS[what]
@@ -84,7 +84,7 @@ def test_votes_of_another_version_of_a_model_are_refused(
     )
 
 
-def test_what_a_guardian_does_not_read_may_differ(table: study.VoteTable, frozen: study.Frozen) -> None:
+def test_what_a_guardian_does_not_read_may_differ(table: study.VoteTable, frozen: study.FrozenGuardian) -> None:
     """A model of no committee, and the name of the bank; a mode where one side knows none."""
     about = table.about
     for other in (
@@ -96,7 +96,7 @@ def test_what_a_guardian_does_not_read_may_differ(table: study.VoteTable, frozen
 
 
 def test_a_model_that_was_asked_otherwise_is_refused_and_one_that_was_asked_elsewhere_is_not(
-    table: study.VoteTable, frozen: study.Frozen
+    table: study.VoteTable, frozen: study.FrozenGuardian
 ) -> None:
     """By its mode: another budget is another model, another address is the same."""
     knows = replace(frozen, about=replace(frozen.about, modes={QWEN: ASKED}))
@@ -115,7 +115,7 @@ def test_a_model_that_was_asked_otherwise_is_refused_and_one_that_was_asked_else
     ("mine", "theirs", "fits"), [(1, 1, True), (1, 2, False), (None, 2, True), (1, None, True), (None, None, True)]
 )
 def test_what_counts_as_a_vote_must_be_the_same_where_both_say(
-    table: study.VoteTable, frozen: study.Frozen, mine: int | None, theirs: int | None, *, fits: bool
+    table: study.VoteTable, frozen: study.FrozenGuardian, mine: int | None, theirs: int | None, *, fits: bool
 ) -> None:
     """Version 0.1.0 did not write it, so that its guardians and votes fit any."""
     chosen = replace(frozen, about=replace(frozen.about, voting=mine))
@@ -129,7 +129,7 @@ def test_what_counts_as_a_vote_must_be_the_same_where_both_say(
         )
 
 
-def test_frames_that_chose_it_are_named(table: study.VoteTable, frozen: study.Frozen) -> None:
+def test_frames_that_chose_it_are_named(table: study.VoteTable, frozen: study.FrozenGuardian) -> None:
     """By their names, their pictures, or their names in another spelling; all are left out of what it never saw."""
     assert refused(lambda: frozen.may_score(table)) == (
         "frame 'f272' is one of 16 in votes.csv that chose this guardian; a score on them says nothing: leave them out "
@@ -175,7 +175,7 @@ def _with_pictures(chosen: Selection, pictures: tuple[str, ...]) -> Selection:
     return type(chosen)(**{name: getattr(chosen, name) for name in chosen.__struct_fields__} | {"pictures": pictures})
 
 
-def test_a_guardian_overwrites_itself_and_no_other(frozen: study.Frozen, tmp_path: Path) -> None:
+def test_a_guardian_overwrites_itself_and_no_other(frozen: study.FrozenGuardian, tmp_path: Path) -> None:
     """Nothing there, an empty file, and the same guardian may be written over; what is no guardian may not."""
     out = tmp_path / "guardian.json"
     require_own(out, frozen)
@@ -189,7 +189,7 @@ def test_a_guardian_overwrites_itself_and_no_other(frozen: study.Frozen, tmp_pat
     assert refused(lambda: require_own(out, frozen), OutputError) == words
 
 
-def test_a_guardian_is_shown_pictures_of_its_own_bank_alone(frozen: study.Frozen, tmp_path: Path) -> None:
+def test_a_guardian_is_shown_pictures_of_its_own_bank_alone(frozen: study.FrozenGuardian, tmp_path: Path) -> None:
     """One that knows no bank may be shown any."""
     bank = build_bank(tmp_path / "bank")
     own = replace(frozen, about=replace(frozen.about, bank=bank.manifest.fingerprint))
@@ -200,7 +200,7 @@ def test_a_guardian_is_shown_pictures_of_its_own_bank_alone(frozen: study.Frozen
     )
 
 
-def redigested(frozen: study.Frozen, path: Path, **change: object) -> Path:
+def redigested(frozen: study.FrozenGuardian, path: Path, **change: object) -> Path:
     """Write a guardian of which something was changed, and its digest with it."""
     raw = {name: one for name, one in {**frozen.as_dict(), **change}.items() if name != "digest"}
     raw["digest"] = hashlib.sha256(json.dumps(raw, sort_keys=True).encode()).hexdigest()
@@ -209,7 +209,7 @@ def redigested(frozen: study.Frozen, path: Path, **change: object) -> Path:
 
 
 def test_a_file_that_cannot_be_a_guardian_says_why(
-    frozen: study.Frozen, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    frozen: study.FrozenGuardian, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A part that is missing, a committee that is none, names too long to print, and more bytes than one has."""
     path = tmp_path / "guardian.json"
@@ -254,7 +254,9 @@ def test_a_file_that_cannot_be_a_guardian_says_why(
     )
 
 
-def test_what_is_chosen_and_what_nested_says_is_plain_json(table: study.VoteTable, frozen: study.Frozen) -> None:
+def test_what_is_chosen_and_what_nested_says_is_plain_json(
+    table: study.VoteTable, frozen: study.FrozenGuardian
+) -> None:
     """Each key of a file, and each fold with its committee, threshold and point."""
     said = frozen.as_dict()
     assert (said["format"], frozen.exported().as_dict()["format"]) == (

@@ -20,10 +20,10 @@ from eyechart.guardian.page import bound_lines, replay_lines
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.spaces.scene import Scene, safe_action
-from eyechart.stats.committee import Costs
+from eyechart.stats.committee_votes import Costs
 from eyechart.studies import guardian as study
 from eyechart.studies.guardian.modular import modular_action
-from eyechart.studies.guardian.scoring import answer_of
+from eyechart.studies.guardian.scores import answer_of
 from published_votes import GEMMA, QWEN, published
 
 QUICK = 0
@@ -37,12 +37,12 @@ def table() -> study.VoteTable:
 
 
 @pytest.fixture(scope="module")
-def frozen(table: study.VoteTable) -> study.Frozen:
+def frozen(table: study.VoteTable) -> study.FrozenGuardian:
     """Return the guardian that the 16 calibration frames choose."""
     return study.fit(table.part("calibration"))
 
 
-def test_the_papers_table_to_its_digits(table: study.VoteTable, frozen: study.Frozen) -> None:
+def test_the_papers_table_to_its_digits(table: study.VoteTable, frozen: study.FrozenGuardian) -> None:
     """Table t:positive-guardian, the choice behind it, McNemar, and intervals over all multisets of 12 episodes."""
     assert (frozen.committee, frozen.threshold, frozen.point) == ((GEMMA, QWEN), 2, "two_way")
     assert frozen.selection is not None
@@ -95,7 +95,7 @@ def test_nested_takes_two_episodes_costs_and_a_seed(table: study.VoteTable) -> N
     assert study.nested(table).as_dict() == study.nested(table).as_dict()
 
 
-def test_what_a_guardian_remembers_of_its_votes_is_read_back(frozen: study.Frozen, tmp_path: Path) -> None:
+def test_what_a_guardian_remembers_of_its_votes_is_read_back(frozen: study.FrozenGuardian, tmp_path: Path) -> None:
     """Prompt, axis, reader, way of voting, and of each model its version, what served it and its mode all come back."""
     models = frozen.about.versions
     told = replace(
@@ -126,7 +126,7 @@ def test_selection_is_inside_every_fold(table: study.VoteTable) -> None:
     assert found.pooled["acc"].value == pytest.approx(1 - (np.sum(group == 3) + 2) / 288)
 
 
-def test_a_calibration_frame_is_never_scored(table: study.VoteTable, frozen: study.Frozen) -> None:
+def test_a_calibration_frame_is_never_scored(table: study.VoteTable, frozen: study.FrozenGuardian) -> None:
     """Not one of them; leaving them out is explicit."""
     with pytest.raises(GuardianError, match=r"frame 'f272' is one of 16 in votes\.csv that chose this guardian"):
         study.score(frozen, table)
@@ -140,7 +140,7 @@ def test_a_calibration_frame_is_never_scored(table: study.VoteTable, frozen: stu
     assert len(table.without(frozen.selection.frames).frames) == 272
 
 
-def test_a_guardian_remembers_by_which_rule_its_ties_were_broken(frozen: study.Frozen, tmp_path: Path) -> None:
+def test_a_guardian_remembers_by_which_rule_its_ties_were_broken(frozen: study.FrozenGuardian, tmp_path: Path) -> None:
     """One of version 0.1.0 keeps the rule that chose it, and a rule that no version has is refused."""
     older = (
         "first committee in lexicographic order, then lowest threshold, then two_way before abstain before unanimous"
@@ -172,7 +172,7 @@ def test_a_member_that_votes_no_hazard_is_warned_of(table: study.VoteTable) -> N
     ("old", "new"),
     [('"threshold": 2', '"threshold": 1'), ('   "f280",\n', ""), ('"two_way"', '"abstain"'), ("digest-1", "digest-2")],
 )
-def test_an_edited_guardian_is_refused(frozen: study.Frozen, tmp_path: Path, old: str, new: str) -> None:
+def test_an_edited_guardian_is_refused(frozen: study.FrozenGuardian, tmp_path: Path, old: str, new: str) -> None:
     """Its threshold, a frame that it saw, its operating point, a model's digest."""
     path = tmp_path / "guardian.json"
     study.write_frozen(path, frozen)
@@ -218,7 +218,7 @@ STRANGE: Mapping[str, tuple[dict[str, object], str]] = {
 
 
 @pytest.mark.parametrize("what", STRANGE)
-def test_a_selection_that_cannot_have_been_is_refused(frozen: study.Frozen, tmp_path: Path, what: str) -> None:
+def test_a_selection_that_cannot_have_been_is_refused(frozen: study.FrozenGuardian, tmp_path: Path, what: str) -> None:
     """Numbers that no choice has, and a memory of frames with gaps, through which a frame would be scored again."""
     change, words = STRANGE[what]
     raw = frozen.as_dict()
@@ -233,7 +233,7 @@ def test_a_selection_that_cannot_have_been_is_refused(frozen: study.Frozen, tmp_
 
 @pytest.mark.parametrize("what", REDIGESTED)
 def test_a_guardian_that_was_edited_with_its_digest_is_refused_in_words(
-    frozen: study.Frozen, tmp_path: Path, what: str
+    frozen: study.FrozenGuardian, tmp_path: Path, what: str
 ) -> None:
     """What is wrong, and not how Python would write it; another version is blamed only where it is another."""
     change, words = REDIGESTED[what]
@@ -257,7 +257,7 @@ def test_what_is_no_guardian_is_said_to_be_none(tmp_path: Path, text: str) -> No
 
 
 def test_an_export_holds_what_a_stack_needs_and_nothing_else(
-    table: study.VoteTable, frozen: study.Frozen, tmp_path: Path
+    table: study.VoteTable, frozen: study.FrozenGuardian, tmp_path: Path
 ) -> None:
     """No frame, no episode, no score; it reads back, names what it was made of, and cannot score."""
     path = tmp_path / "stack.json"
@@ -330,7 +330,7 @@ def scenes(gap_m: float | None, *, left: bool, right: bool) -> tuple[Scene, Scen
 
 
 def test_a_replay_is_equivariant_and_the_reader_keeps_collision_and_sides(
-    table: study.VoteTable, frozen: study.Frozen
+    table: study.VoteTable, frozen: study.FrozenGuardian
 ) -> None:
     """The guardian brakes; STOP and the side are the reader's, whatever the votes say."""
     held_out = table.part("score")

@@ -25,7 +25,7 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS, SCENE, close_m_of, scene_prompt
 from eyechart.spaces.scene import HIGHWAY, SCENES, Estimate
 from eyechart.studies import guardian as study
-from eyechart.studies.guardian.voting import LEAD_IN, VOTED, Unvoted
+from eyechart.studies.guardian.reply_votes import LEAD_IN, VOTED, Unvoted
 from reply_classes import CLOSE_M, OBJECTS, ROWS
 from reply_classes import reply as row_reply
 
@@ -193,7 +193,7 @@ def test_a_run_and_a_stack_read_the_same_votes(classes: list[int], tmp_path: Pat
         voted = {"hazard": 1, "clear": 0}.get(why, -1)
         assert np.unique(table.votes[place]).tolist() == [voted], row.name
         assert table.reasons(name) == ({why: 8} if voted < 0 else {})
-        frozen = study.Frozen((name,), 1, "two_way", table.about.only((name,)), None, "chosen")
+        frozen = study.FrozenGuardian((name,), 1, "two_way", table.about.only((name,)), None, "chosen")
         study.write_frozen(tmp_path / "guardian.json", frozen)
         with Guardian.load(tmp_path / "guardian.json", deadline_s=20.0) as guardian:
             found = guardian.assess(picture)
@@ -227,9 +227,9 @@ def test_a_guardian_knows_the_rules_that_it_was_chosen_under(classes: list[int],
 def test_a_prompt_that_names_no_distance_gives_no_votes() -> None:
     """Nothing could be held against a reply's own gap."""
     wording = replace(SCENE, user="What do you see?")
-    about = study.About(prompt=wording.key, view="none", wording=wording, axis="vertical")
+    about = study.VoteProvenance(prompt=wording.key, view="none", wording=wording, axis="vertical")
     with pytest.raises(GuardianError, match="does not say which leads are close"):
-        interface_of(study.Frozen(("a",), 1, "two_way", about, None))
+        interface_of(study.FrozenGuardian(("a",), 1, "two_way", about, None))
 
 
 def test_the_study_that_measures_reads_as_it_did() -> None:

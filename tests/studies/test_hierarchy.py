@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import planners
 from eyechart.calls import Reply
 from eyechart.cli.app import app
-from eyechart.episodes import Bounds, Episodes, expected, read_episodes
+from eyechart.episodes import Bounds, EpisodesRun, expected, read_episodes
 from eyechart.episodes import plan as plan_episodes
 from eyechart.episodes import run as run_episodes
 from eyechart.errors import LedgerError, SpecError
@@ -22,9 +22,9 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.report.table import Table
 from eyechart.studies import hierarchy
-from eyechart.studies.hierarchy import HierarchyScore, Part, Source, planning, score, scoring
+from eyechart.studies.hierarchy import HierarchyScore, IntentSource, Part, plans, score, scores
 from eyechart.studies.hierarchy.tables import TITLES, against_table, completion_table, intent_table, source_table
-from eyechart.studies.probed import spent_on
+from eyechart.studies.probes import spent_on
 from faults import FaultServer
 
 pytestmark = pytest.mark.slow
@@ -36,7 +36,7 @@ SMALL: Mapping[str, Part] = {
     "primary-models": Part("rover-mpc", (), ("offset",), 1, ("real", "blank"), models=True),
     "unaware": Part("rover-mpc-unaware", (MPC_ONLY,), ("offset", "slalom"), 3),
     "lateral": Part("rover-mpc-lateral", ("route", "mirrored:route"), ("offset", "slalom"), 3),
-    "lateral-models": Part("rover-mpc-lateral", (), ("clutter",), 1, planning.CONDITIONS, models=True),
+    "lateral-models": Part("rover-mpc-lateral", (), ("clutter",), 1, plans.CONDITIONS, models=True),
 }
 """The study in fewer worlds."""
 
@@ -92,7 +92,7 @@ def studied(tmp_path_factory: pytest.TempPathFactory) -> HierarchyScore:
     """Run the small study with a planner that sees, in this process and behind an endpoint."""
     out = tmp_path_factory.mktemp("hierarchy")
     with pytest.MonkeyPatch.context() as patch, FaultServer([planners.clear_side]) as server:
-        patch.setattr(planning, "PARTS", SMALL)
+        patch.setattr(plans, "PARTS", SMALL)
         modes = [RequestMode(SEEING), RequestMode(planners.SPEC, base_url=server.base_url)]
         hierarchy.run(hierarchy.plan(out, modes), FREE, bounds=ONE)
         return score(out)
@@ -103,7 +103,7 @@ def failed(tmp_path_factory: pytest.TempPathFactory) -> HierarchyScore:
     """Drive once with each of three planners that fail."""
     out = tmp_path_factory.mktemp("failed")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planning, "PARTS", {"primary-models": replace(SHORT["unaware-models"], simulator="rover-mpc")})
+        patch.setattr(plans, "PARTS", {"primary-models": replace(SHORT["unaware-models"], simulator="rover-mpc")})
         modes = [RequestMode(own(name)) for name in ("garbled", "failing", "hanging")]
         hierarchy.run(hierarchy.plan(out, modes), FREE, bounds=ONE)
         return score(out)
@@ -173,7 +173,7 @@ def test_only_more_goals_with_real_pictures_show_perception(
         holm={"success_rate": p, "distance_m": 0.001},
     )
     ruling = replace(blind.ruling, label=label)
-    assert bool(scoring.unless_shown(replace(blind, paired=paired, ruling=ruling))) == said
+    assert bool(scores.unless_shown(replace(blind, paired=paired, ruling=ruling))) == said
 
 
 def test_an_estimate_does_not_count_a_drive_as_short_as_its_crash(tmp_path: Path) -> None:
@@ -202,7 +202,7 @@ def test_a_planner_behind_an_endpoint_drives_as_it_does_in_this_process(studied:
         assert len(states[SEEING]) == (2 if part == "primary-models" else 4)
 
 
-def of(found: HierarchyScore, name: str) -> Source:
+def of(found: HierarchyScore, name: str) -> IntentSource:
     """Return the row of one of the planners that fail."""
     (row,) = [one for one in found.sources if one.driver.policy == own(name)]
     return row
@@ -286,8 +286,8 @@ def test_eleven_sources_and_eight_controllers_drive_in_the_worlds_that_the_paper
         counts[name] = sum(key.policy == policy for key in planned[part].keys)
     for part in ("primary-models", "unaware-models", "lateral-models"):
         for key in planned[part].keys:
-            driver = scoring.Driver(key.simulator, "VLM", key.condition)
-            name = planning.name_of(part, driver)
+            driver = scores.Driver(key.simulator, "VLM", key.condition)
+            name = plans.name_of(part, driver)
             counts[name] = counts.get(name, 0) + 1
     constants = [f"constant {action}" for action in ("STRAIGHT", "SLOW", "STOP", "LEFT", "RIGHT")]
     primary = ["MPC-only", "oracle intent", "random intent", *constants, "VLM", "VLM, mirrored", "VLM, blank"]
@@ -305,7 +305,7 @@ def test_a_limit_bounds_the_whole_study(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: dict[str, float]
 ) -> None:
     """What the first part took is not left for the second; the command that resumes counts both."""
-    monkeypatch.setattr(planning, "PARTS", SHORT)
+    monkeypatch.setattr(plans, "PARTS", SHORT)
     planned = hierarchy.plan(tmp_path, [RequestMode(own("dear"))])
     for _ in range(2):
         outcome = hierarchy.run(planned, FREE, bounds=ONE, **limits)  # type: ignore[arg-type]
@@ -321,12 +321,14 @@ def test_a_limit_counts_the_arms_that_are_no_part_of_todays_choice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: dict[str, float]
 ) -> None:
     """What an arm took on another day is spent, whichever is chosen today."""
-    monkeypatch.setattr(planning, "PARTS", SHORT)
+    monkeypatch.setattr(plans, "PARTS", SHORT)
     dear_one = [RequestMode(own("dear"))]
-    hierarchy.run(hierarchy.plan(tmp_path, dear_one, choice=planning.Choice(arms=("unaware",))), FREE, bounds=ONE)
+    hierarchy.run(
+        hierarchy.plan(tmp_path, dear_one, choice=plans.HierarchySelection(arms=("unaware",))), FREE, bounds=ONE
+    )
     before = spent_on([tmp_path / "unaware-models"], FREE).calls
     assert before < 10
-    today = hierarchy.plan(tmp_path, dear_one, choice=planning.Choice(arms=("lateral",)))
+    today = hierarchy.plan(tmp_path, dear_one, choice=plans.HierarchySelection(arms=("lateral",)))
     assert hierarchy.run(today, FREE, bounds=ONE, **limits).stopped is not None  # type: ignore[arg-type]
     assert spent_on([tmp_path / name for name in SHORT], FREE).calls == 10
 
@@ -335,7 +337,7 @@ def test_a_model_that_is_set_aside_in_one_part_is_asked_in_no_later_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its key would be refused there too; what is not driven is unfinished, and the study says why."""
-    monkeypatch.setattr(planning, "PARTS", SHORT)
+    monkeypatch.setattr(plans, "PARTS", SHORT)
     planned = hierarchy.plan(tmp_path, [RequestMode(own("lapsed"))])
     outcome = hierarchy.run(planned, FREE, bounds=ONE)
     assert outcome.set_aside == {own("lapsed"): "auth: no such key"}
@@ -352,7 +354,7 @@ def test_a_folder_without_the_study_is_refused(tmp_path: Path) -> None:
     assert list(read_episodes(tmp_path)) == []
 
 
-def driven(planned: Mapping[str, Episodes]) -> dict[str, set[tuple[str, str, int]]]:
+def driven(planned: Mapping[str, EpisodesRun]) -> dict[str, set[tuple[str, str, int]]]:
     """Return who is to drive where, by part."""
     return {name: {(key.policy, key.scenario, key.seed) for key in one.keys} for name, one in planned.items()}
 

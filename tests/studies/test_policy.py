@@ -22,9 +22,9 @@ from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Motion
-from eyechart.studies import Reading, policy, study_of
-from eyechart.studies.policy import Extent
-from eyechart.studies.policy.scoring import judge
+from eyechart.studies import ReadOptions, policy, study_of
+from eyechart.studies.policy import PolicySelection
+from eyechart.studies.policy.scores import judge
 from eyechart.transfer import transfer
 from known import table, whole_table
 
@@ -78,7 +78,7 @@ def told(*words: object, code: int = 0) -> str:
 def test_an_index_shows_the_statistic_that_decided_for_each_policy(run: Path) -> None:
     """By its own name, with its value: the one that the verdict on the cameras names."""
     study = study_of(run)
-    score = study.score(run, Reading())
+    score = study.score(run, ReadOptions())
     verdicts = judge(score)
     for spec, found in study.findings(score).items():
         assert found.decided_by == verdicts[spec].camera.by or not verdicts[spec].camera.by
@@ -158,7 +158,9 @@ def test_the_ledger_keeps_every_array_to_the_byte(run: Path) -> None:
 
 def test_each_fault_fails_its_guard_and_gets_no_verdict(bank: FrameBank, tmp_path: Path) -> None:
     """NaN, half a motion, a missing camera, another unit, no motion at all, noise, and a queue that nobody empties."""
-    policy.run(policy.plan(bank.root, list(FAULTS), tmp_path / "run", conditions=FEW, extent=Extent(answers=2)))
+    policy.run(
+        policy.plan(bank.root, list(FAULTS), tmp_path / "run", conditions=FEW, extent=PolicySelection(answers=2))
+    )
     verdicts = judge(policy.score(tmp_path / "run"))
     for spec, (guard, words) in FAULTS.items():
         assert words in verdicts[spec].guards[guard]
@@ -298,7 +300,7 @@ def test_shards_are_merged_into_the_same(bank: FrameBank, tmp_path: Path, order:
     """In any order of the shards: the same answers to the byte, and the same verdict; one draws, by a seed."""
     specs, count = ["python:arms:reach", "python:arms:fixed"], len(order)
     for number in order:
-        extent = Extent(shard=(number, count))
+        extent = PolicySelection(shard=(number, count))
         policy.run(policy.plan(bank.root, specs, tmp_path / f"{number}", conditions=FEW, extent=extent))
     told("merge", *(tmp_path / f"{number}" for number in order), "--out", tmp_path / "merged")
     policy.run(policy.plan(bank.root, specs, tmp_path / "whole", conditions=FEW))
@@ -309,7 +311,7 @@ def test_shards_that_are_not_finished_merge_and_the_whole_goes_on(bank: FrameBan
     """One of three is cut and one was never begun: what is missing is asked of the merged run."""
     specs = ["python:arms:fixed"]
     first, second = (
-        policy.plan(bank.root, specs, tmp_path / f"{number}", conditions=FEW, extent=Extent(shard=(number, 3)))
+        policy.plan(bank.root, specs, tmp_path / f"{number}", conditions=FEW, extent=PolicySelection(shard=(number, 3)))
         for number in (1, 2)
     )
     policy.run(first)
@@ -372,7 +374,7 @@ def test_what_cannot_be_asked_is_refused_in_one_line(bank: FrameBank, tmp_path: 
             "has no channel 'camera:left'; .*there are cameras, camera",
         ),
         ({"conditions": ["matched@state"]}, BankError, "only pictures are matched"),
-        ({"extent": Extent(answers=1)}, SpecError, "--answers takes 2 or more"),
+        ({"extent": PolicySelection(answers=1)}, SpecError, "--answers takes 2 or more"),
     ):
         with pytest.raises(error, match=words):
             policy.plan(**{"bank_path": bank.root, "specs": ["python:arms:reach"], "out": tmp_path / "no", **given})
@@ -389,8 +391,8 @@ def test_reading_asks_for_the_reader_that_began_the_run(run: Path, tmp_path: Pat
     (copy / "bank").symlink_to(run / "bank")
     (copy / "run.json").write_text(json.dumps({**values, "reader": 0}), encoding="utf-8")
     with pytest.raises(LedgerError, match="--reread"):
-        study_of(copy).score(copy, Reading())
-    assert study_of(copy).score(copy, Reading(reread=True)).models
+        study_of(copy).score(copy, ReadOptions())
+    assert study_of(copy).score(copy, ReadOptions(reread=True)).models
 
 
 def test_absolute_places_are_measured_from_the_state_that_was_shown() -> None:

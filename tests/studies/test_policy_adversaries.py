@@ -12,10 +12,10 @@ from arms import Images, blocks
 from eyechart.frames import FrameBank
 from eyechart.simulators.tabletop.world import Workspace, oracle
 from eyechart.studies import policy
-from eyechart.studies.policy import Extent
+from eyechart.studies.policy import PolicySelection
 from eyechart.studies.policy.effects import Effects
-from eyechart.studies.policy.scoring import judge
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.studies.policy.scores import judge
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 from known import table, whole_table
 
 pytestmark = pytest.mark.slow
@@ -175,7 +175,7 @@ def _found(monkeypatch: pytest.MonkeyPatch) -> None:
 def judged(bank: FrameBank, out: Path, name: str, seed: int = 0, answers: int = 2) -> PolicyVerdict:
     """Return the verdict on a policy that is asked all that there is, twice where it draws its answers."""
     spec = f"python:{__name__}:{name}"
-    policy.run(policy.plan(bank.root, [spec], out, seed=seed, extent=Extent(answers=answers)))
+    policy.run(policy.plan(bank.root, [spec], out, seed=seed, extent=PolicySelection(answers=answers)))
     return judge(policy.score(out))[spec]
 
 

@@ -13,8 +13,8 @@ from arms import Images, deaf, reach
 from eyechart.frames import FrameBank, decode, open_bank
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
-from eyechart.studies.policy.scoring import judge
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.studies.policy.scores import judge
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 
 pytestmark = pytest.mark.slow
 

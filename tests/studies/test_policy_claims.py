@@ -12,8 +12,8 @@ from eyechart.frames import FrameBank
 from eyechart.importing import Choices, import_table, read_rig
 from eyechart.studies import policy, study_of
 from eyechart.studies.policy.page import made
-from eyechart.studies.policy.scoring import judge
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.studies.policy.scores import judge
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 from known import table, whole_table
 
 pytestmark = pytest.mark.slow

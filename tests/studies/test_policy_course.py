@@ -18,11 +18,11 @@ from eyechart.frames import FrameBank
 from eyechart.manifest import read_manifest
 from eyechart.stats.statistic import Statistic
 from eyechart.stats.total_effect import Pairs, share_difference
-from eyechart.studies import Reading, policy, study_of
-from eyechart.studies.policy import Extent
-from eyechart.studies.policy.course import Change, Course, course_of, step_of
-from eyechart.studies.policy.course import Checkpoint as OneCheckpoint
+from eyechart.studies import ReadOptions, policy, study_of
+from eyechart.studies.policy import PolicySelection
 from eyechart.studies.policy.figures import training
+from eyechart.studies.policy.training_curve import Change, TrainingCurve, course_of, step_of
+from eyechart.studies.policy.training_curve import TrainingCheckpoint as OneCheckpoint
 from known import table
 from policies_by_hand import IGNORED, NOT_ONE_BIT, verdict
 from policies_by_hand import OPEN as OPEN_SHARE
@@ -136,7 +136,7 @@ def test_that_it_stopped_looking_is_said_between_what_is_settled(
 ) -> None:
     """And only of checkpoints that have steps: others are no training."""
     pair = _checkpoint("a", steps[0], **first), _checkpoint("b", steps[1], **second)
-    assert list(Course(pair, (pair,), ()).says()) == said
+    assert list(TrainingCurve(pair, (pair,), ()).says()) == said
 
 
 def test_a_difference_that_is_rounding_is_none() -> None:
@@ -154,11 +154,13 @@ def test_a_difference_that_is_rounding_is_none() -> None:
 def test_a_run_of_the_same_again_changes_nothing(bank: FrameBank, tmp_path: Path) -> None:
     """Exit 0; what was not asked about the same frames is refused, and so is one policy alone."""
     for name, limit in {"one": None, "two": None, "part": 15}.items():
-        planned = policy.plan(bank.root, [f"{HERE}:early"], tmp_path / name, conditions=FEW, extent=Extent(limit=limit))
+        planned = policy.plan(
+            bank.root, [f"{HERE}:early"], tmp_path / name, conditions=FEW, extent=PolicySelection(limit=limit)
+        )
         policy.run(planned)
     runs = [str(tmp_path / name) for name in ("one", "two", "part")]
     assert CliRunner().invoke(app, ["compare", *runs[:2]]).exit_code == 0
-    scores = [study_of(Path(run)).score(Path(run), Reading()) for run in runs]
+    scores = [study_of(Path(run)).score(Path(run), ReadOptions()) for run in runs]
     with pytest.raises(SpecError, match="have different frames"):
         course_of(scores)
     with pytest.raises(SpecError, match="there is one policy, and nothing to compare it with"):

@@ -18,10 +18,10 @@ from eyechart.prompts import policy_prompt
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import Motion
 from eyechart.studies import policy
-from eyechart.studies.policy import Extent
+from eyechart.studies.policy import PolicySelection
 from eyechart.studies.policy.effects import Effects
-from eyechart.studies.policy.reading import Motions
-from eyechart.studies.policy.scoring import PolicyScore, judge
+from eyechart.studies.policy.motions import Motions
+from eyechart.studies.policy.scores import PolicyScore, judge
 from known import table, whole_table
 
 pytestmark = pytest.mark.slow
@@ -75,7 +75,7 @@ def whole(bank: FrameBank) -> FrameBank:
 def asked(bank: FrameBank, out: Path, *names: str, **options: int) -> PolicyScore:
     """Return the scored run of faulty policies, their calls at once."""
     specs = [f"python:faulty_arms:{name}" for name in names]
-    policy.run(policy.plan(bank.root, specs, out, conditions=FEW, extent=Extent(answers=2)), **options)
+    policy.run(policy.plan(bank.root, specs, out, conditions=FEW, extent=PolicySelection(answers=2)), **options)
     return policy.score(out)
 
 
@@ -198,7 +198,7 @@ def test_a_channel_that_does_not_arrive_is_said_to_be_so_before_what_was_not_ask
 ) -> None:
     """That not a bit changes is said first, where the axis is open because the run left controls out."""
     spec, out = f"python:faulty_arms:{name}", tmp_path / "run"
-    policy.run(policy.plan(bank.root, [spec], out, conditions=WIRES, extent=Extent(answers=2)))
+    policy.run(policy.plan(bank.root, [spec], out, conditions=WIRES, extent=PolicySelection(answers=2)))
     verdict = judge(policy.score(out))[spec]
     axes = {"camera": verdict.camera, "instruction": verdict.instruction}
     axes |= {f"camera:{camera}": one for camera, one in verdict.cameras.items()}

@@ -19,12 +19,12 @@ from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, WAYS, fitted, s
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Dimension, MotionSpace
 from eyechart.studies import policy
-from eyechart.studies.policy import Extent
-from eyechart.studies.policy.figures import _LINES, Line, curves, moments, paths, shares
+from eyechart.studies.policy import PolicySelection
+from eyechart.studies.policy.figures import _LINES, MotionLine, curves, moments, paths, shares
 from eyechart.studies.policy.page import in_a_sentence, made
-from eyechart.studies.policy.scoring import PolicyScore
+from eyechart.studies.policy.scores import PolicyScore
 from eyechart.studies.policy.tables import MEANINGS, meaning_table, meant_by
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 from policies_by_hand import GOOD, IGNORED, NOT_ONE_BIT, OPEN, USED, share, verdict
 
 STEPS = 16
@@ -50,12 +50,12 @@ def an_arm(joints: int, *, plane: bool = False) -> MotionSpace:
     return MotionSpace("arm", tuple(dimensions), STEPS, rate_hz=30)
 
 
-def some_lines(space: MotionSpace, count: int) -> list[Line]:
+def some_lines(space: MotionSpace, count: int) -> list[MotionLine]:
     """Return its answer and so many others, of numbers that are large here and small there."""
     rng = np.random.default_rng(3)
     wide = 10.0 ** (np.arange(space.shape[1]) % 6 - 3)
     looks = [("its answer", INK, "-"), *((words, *how) for words, how in zip(WORDS, _LINES, strict=True))]
-    return [Line(*how, wide * rng.normal(size=space.shape).cumsum(axis=0)) for how in looks[: 1 + count]]
+    return [MotionLine(*how, wide * rng.normal(size=space.shape).cumsum(axis=0)) for how in looks[: 1 + count]]
 
 
 def boxes(figure: Figure) -> tuple[dict[str, Bbox], dict[str, Bbox]]:
@@ -129,7 +129,8 @@ def test_what_hardly_differs_is_drawn_alike() -> None:
     space = an_arm(1)
     lines = some_lines(space, 1)
     flat = [
-        Line(one.words, one.colour, one.dashes, np.full(space.shape, 1e-6 * turn)) for turn, one in enumerate(lines)
+        MotionLine(one.words, one.colour, one.dashes, np.full(space.shape, 1e-6 * turn))
+        for turn, one in enumerate(lines)
     ]
     with style():
         figure = curves({}, space, flat, np.array([2.0]))
@@ -201,7 +202,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> PolicyScore:
     folder = tmp_path_factory.mktemp("figures")
     bank = open_bank_simulator("tabletop").build(folder / "bank", seeds=(0, 1), steps=4)
     specs = ["python:arms:reach", "python:arms:unsteady"]
-    policy.run(policy.plan(bank.root, specs, folder / "run", extent=Extent(shapley=True)))
+    policy.run(policy.plan(bank.root, specs, folder / "run", extent=PolicySelection(shapley=True)))
     return policy.score(folder / "run")
 
 

@@ -11,8 +11,8 @@ from arms import Images, deaf, middle, reach
 from eyechart.frames import FrameBank
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
-from eyechart.studies.policy.scoring import judge
-from eyechart.verdicts.channels import AXES, PolicyVerdict
+from eyechart.studies.policy.scores import judge
+from eyechart.verdicts.policy_verdict import AXES, PolicyVerdict
 
 pytestmark = pytest.mark.slow
 

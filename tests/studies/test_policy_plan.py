@@ -15,7 +15,7 @@ from eyechart.cli.app import app
 from eyechart.frames import FrameBank
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
-from eyechart.studies.policy.scoring import judge
+from eyechart.studies.policy.scores import judge
 
 
 def policy_verdicts(bank: FrameBank, out: Path) -> list[str]:

@@ -78,7 +78,7 @@ def test_every_subset_has_the_same_partner_and_nobody_pays_unasked(bank: FrameBa
     assert len(subset_conditions(bank)) == 7
     usual = policy.plan(bank.root, ["python:arms:reach"], tmp_path / "run")
     whole = policy.plan(
-        bank.root, ["python:arms:reach"], tmp_path / "run", extent=policy.Extent(limit=None, shapley=True)
+        bank.root, ["python:arms:reach"], tmp_path / "run", extent=policy.PolicySelection(limit=None, shapley=True)
     )
     assert set(whole.plan.conditions) - set(usual.plan.conditions) == {"alone@state", "alone@instruction"}
     assert (usual.of_shapley, whole.of_shapley) == (0, 2 * len(bank))
@@ -92,5 +92,7 @@ def test_a_bank_of_pictures_alone_has_nothing_to_divide(
     assert set(subset_conditions(bank).values()) == {"real", "swapped@cameras", "kept@cameras"}
     monkeypatch.setattr(policies, "channels_of", lambda _: ("cameras", "camera:top", "camera:wrist"))
     with pytest.raises(BankError, match="no channel but its cameras"):
-        policy.plan(bank.root, ["python:arms:reach_undeclared"], tmp_path / "run", extent=policy.Extent(shapley=True))
+        policy.plan(
+            bank.root, ["python:arms:reach_undeclared"], tmp_path / "run", extent=policy.PolicySelection(shapley=True)
+        )
     assert not (tmp_path / "run").exists()

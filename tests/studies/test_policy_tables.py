@@ -9,13 +9,13 @@ import pytest
 import arms
 from eyechart.frames import FrameBank
 from eyechart.report.table import Table
-from eyechart.stats.shares import Misfit
+from eyechart.stats.shares import LogDistance
 from eyechart.stats.statistic import Statistic
-from eyechart.studies import Reading, policy, study_of
+from eyechart.studies import ReadOptions, policy, study_of
+from eyechart.studies.policy.advice import SETTLE, settling
 from eyechart.studies.policy.figures import _boxes
 from eyechart.studies.policy.page import _answer, _does, _tone, in_a_sentence, made
-from eyechart.studies.policy.scoring import PolicyScore
-from eyechart.studies.policy.settling import SETTLE, settling
+from eyechart.studies.policy.scores import PolicyScore
 from eyechart.studies.policy.tables import channel_table, parts_table, steps_table
 from known import table
 from policies_by_hand import share, verdict
@@ -61,7 +61,7 @@ def test_each_channels_own_number_of_frames_is_told() -> None:
 
 def test_no_share_is_listed_of_who_failed_a_guard() -> None:
     """The note says which guard that was."""
-    failed = verdict(misfit=Misfit(2.0, 72, offset=9.0, spread=1.0))
+    failed = verdict(misfit=LogDistance(2.0, 72, offset=9.0, spread=1.0))
     table = channel_table({"good": verdict(), "bad": failed})
     assert table.rows[0][1] is not None
     assert set(table.rows[1][1:]) == {None}
@@ -128,7 +128,7 @@ def test_what_was_not_asked_is_to_be_asked(
     spec = "python:arms:poses"
     root = Path(scored.bank.root).parent.parent / "bank"
     policy.run(policy.plan(root, [spec], tmp_path / "few", conditions=FEW))
-    few = study_of(tmp_path / "few").score(tmp_path / "few", Reading())
+    few = study_of(tmp_path / "few").score(tmp_path / "few", ReadOptions())
     assert str(settling(few, spec, "cameras")).startswith(
         "run the missing conditions (matched@cameras, near@cameras): "
     )

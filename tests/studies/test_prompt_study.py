@@ -23,7 +23,7 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.statistic import Statistic
-from eyechart.studies import Reading, open_study, prompts
+from eyechart.studies import ReadOptions, open_study, prompts
 from eyechart.transfer import transfer
 
 SPEC = "suggestible:one"
@@ -75,7 +75,7 @@ def test_every_prompt_is_a_cell_and_only_its_words_differ(bank: FrameBank, tmp_p
 def test_scores_from_elsewhere_are_set_beside_every_cell(bank: FrameBank, tmp_path: Path) -> None:
     """A model under two prompts is two cells of ``transfer``, each with the statistics of its battery."""
     run(bank, tmp_path / "study", prompts=["baseline", "anti_degeneracy"])
-    scored = open_study("prompts").score(tmp_path / "study", Reading(resamples=199))
+    scored = open_study("prompts").score(tmp_path / "study", ReadOptions(resamples=199))
     found = transfer([scored], {SPEC: 0.5})
     assert [(one.model, one.bank) for one in found.cells] == [
         (SPEC, f"{bank.name} under baseline"),

@@ -111,8 +111,8 @@ def test_a_row_that_asked_something_else_is_no_verdict(bank: FrameBank, tmp_path
 
 def test_a_run_does_not_go_on_with_a_ledger_that_asked_something_else(bank: FrameBank, tmp_path: Path) -> None:
     """Before anything is asked."""
-    run = asked(bank, tmp_path / "run", extent=battery.Extent(limit=8))
-    exchanged(run, asked(bank, tmp_path / "other", seed=1, extent=battery.Extent(limit=8)))
+    run = asked(bank, tmp_path / "run", extent=battery.BatterySelection(limit=8))
+    exchanged(run, asked(bank, tmp_path / "other", seed=1, extent=battery.BatterySelection(limit=8)))
     with pytest.raises(LedgerError, match=ASKED_ELSE):
         battery.run(battery.plan(bank.root, [MODEL], run))
 

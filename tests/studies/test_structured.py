@@ -26,9 +26,9 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import SCENES, Estimate, Scene, SceneDecision
 from eyechart.studies import battery, structured
 from eyechart.studies.structured import EstimatorScore, StructuredScore
-from eyechart.studies.structured.planning import choose
-from eyechart.studies.structured.scoring import Figures, How
-from eyechart.studies.structured.study import Structured
+from eyechart.studies.structured.plans import choose
+from eyechart.studies.structured.scores import Bootstrap, Figures
+from eyechart.studies.structured.study import StructuredStudy
 
 SPECS = [f"scripted:{name}" for name in ESTIMATORS]
 CONTROL = "scripted:scene_positive_control"
@@ -176,11 +176,11 @@ def test_a_run_of_another_study_is_refused_by_name(
     assert admission.manifest.study == "admission"
     with pytest.raises(LedgerError, match=r"a run of the study 'admission', not of a battery.*eyechart score"):
         battery.score(folder)
-    few = battery.Extent(4)
+    few = battery.BatterySelection(4)
     battery.run(battery.plan(bank.root, ["scripted:constant"], tmp_path / "battery", conditions=["real"], extent=few))
     with pytest.raises(LedgerError, match="a run of the study 'battery', not one of admission, structured"):
         structured.score(tmp_path / "battery")
-    kinds = [Structured().holds(one) for one in (folder, tmp_path / "battery", tmp_path / "nothing")]
+    kinds = [StructuredStudy().holds(one) for one in (folder, tmp_path / "battery", tmp_path / "nothing")]
     assert kinds == [True, False, False]
 
 
@@ -228,7 +228,7 @@ NEAR = Estimate(15.0, close=True, left_clear=True, right_clear=False, confidence
 FAR = Estimate(30.0, close=False, left_clear=True, right_clear=False, confidence=0.5)
 
 
-def told(real: list[Estimate | None], mirrored: list[Estimate | None]) -> structured.Told:
+def told(real: list[Estimate | None], mirrored: list[Estimate | None]) -> structured.SceneAnswers:
     """Return eight frames of two episodes, in turn close at 14 m and far at 32 m, with these estimates."""
     replies = {
         "real": tuple(_reply(one) for one in real),
@@ -236,17 +236,17 @@ def told(real: list[Estimate | None], mirrored: list[Estimate | None]) -> struct
     }
     gaps = np.array([14.0, 32.0] * 4)
     every = np.ones(8, dtype=np.bool_)
-    return structured.Told("m", tuple(FRAMES), replies, gaps, gaps < 18, every, before=every)
+    return structured.SceneAnswers("m", tuple(FRAMES), replies, gaps, gaps < 18, every, before=every)
 
 
 def _reply(one: Estimate | None) -> SceneDecision:
     return SceneDecision(None, "unparsed", "malformed") if one is None else SceneDecision(one)
 
 
-def figures(of: structured.Told) -> Mapping[str, object]:
+def figures(of: structured.SceneAnswers) -> Mapping[str, object]:
     """Return the figures over all frames."""
     episodes = np.array([frame.episode for frame in of.frames])
-    return Figures(of, DRIVING, np.ones(8, dtype=np.bool_), How(episodes)).statistics()
+    return Figures(of, DRIVING, np.ones(8, dtype=np.bool_), Bootstrap(episodes)).statistics()
 
 
 def test_a_reply_without_an_estimate_is_never_right() -> None:

@@ -21,11 +21,11 @@ from eyechart.manifest import LEDGER
 from eyechart.models.prices import Prices
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import open_simulator
-from eyechart.studies import Reading, open_study, study_of
-from eyechart.studies.probed import spent_on
+from eyechart.studies import ReadOptions, open_study, study_of
+from eyechart.studies.probes import spent_on
 from eyechart.studies.structured import online
-from eyechart.studies.structured.online import Vetted, vet
-from eyechart.studies.structured.seen import SEEN, check
+from eyechart.studies.structured.observed_frames import SEEN, check
+from eyechart.studies.structured.online import WorldCheck, vet
 from eyechart.verdicts.admission import CLAUSES
 
 CONTROL = "scripted:scene_positive_control"
@@ -99,7 +99,7 @@ def test_a_world_is_not_refused_for_what_stands_beside_a_forward_camera() -> Non
 
 def test_worlds_with_the_rovers_camera_have_its_distances_and_its_view(tmp_path: Path) -> None:
     """Under the controller too: an estimator is told that near is below 8 m, and drives by that."""
-    passed = (Vetted("offset", 0, 24, "goal", {}, 0.0, None, 0),)
+    passed = (WorldCheck("offset", 0, 24, "goal", {}, 0.0, None, 0),)
     plain, planned = (
         online.plan(name, [CONTROL], tmp_path / name, episodes=1, vetted=passed) for name in ("rover", "rover-mpc")
     )
@@ -219,7 +219,11 @@ def test_reflections_may_be_left_out_and_a_run_goes_on_as_it_was_begun(tmp_path:
 
 def test_the_page_says_first_who_is_admitted_on_what_it_met_and_who_crashes(driven: Path) -> None:
     """And nothing of who drives by sight, which nobody was asked, nor of options that the command has not."""
-    html = open_study("online").report([driven], [], Reading(independent=False, reread=False), lambda _: None).page.html
+    html = (
+        open_study("online")
+        .report([driven], [], ReadOptions(independent=False, reread=False), lambda _: None)
+        .page.html
+    )
     page = html.decode()
     opening = page[page.index('class="sentence"') : page.index("</section>", page.index('class="sentence"'))]
     assert f"not admitted 2 ({CONTROL}, {BLIND})" in opening
@@ -236,5 +240,5 @@ def test_a_report_with_other_drives_beside_is_one_of_drives_whichever_is_named_f
     """It was refused where the online run came first: the other was said to hold none."""
     other = make_run(tmp_path / "other", drive("constant:SLOW", always("SLOW"), seeds=[0]))
     for runs in ([driven, other], [other, driven]):
-        made = study_of(runs[0], "report").report(runs, [], Reading(driven=False), lambda _: None)
+        made = study_of(runs[0], "report").report(runs, [], ReadOptions(driven=False), lambda _: None)
         assert "Which policies drive well, and which by sight?" in made.page.html.decode()

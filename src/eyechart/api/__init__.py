@@ -5,7 +5,7 @@ Each function does what one command does. For single steps use `eyechart.studies
 """
 
 from eyechart.api.battery import AskedModel, Report, build_bank, read_report, run_battery
-from eyechart.api.looking import look
+from eyechart.api.looks import look
 from eyechart.api.policy import AskedPolicy, PolicyReport, examine_policy, read_policies, run_policies
 from eyechart.api.prompts import PromptsReport, compare_prompts
 

@@ -7,24 +7,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
-from eyechart.api.asked import each_named, placed, require_arguments, require_new, require_several, still
-from eyechart.api.reports import Read, row_of, written_page
+from eyechart.api.reports import RunReport, row_of, written_page
+from eyechart.api.subjects import each_named, placed, require_arguments, require_new, require_several, still
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
-from eyechart.limits import Spent
+from eyechart.limits import Usage
 from eyechart.manifest import LEDGER
-from eyechart.models import Opened
+from eyechart.models import OpenedModel
 from eyechart.models.prices import read_prices
 from eyechart.models.python_callable import hold, name_of
 from eyechart.modes import RequestMode, Scalar
-from eyechart.planned import Allowed, moving
-from eyechart.probe import Found, Sample
+from eyechart.planned_run import RunAllowance, moving
+from eyechart.probe import ProbeResult, Sample
 from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
-from eyechart.studies.battery import Battery, BatteryScore, Extent
-from eyechart.studies.probed import Asked, Planner, accept_losses, plan_probed
+from eyechart.studies.battery import Battery, BatteryScore, BatterySelection
+from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
 if TYPE_CHECKING:  # a score needs no templates
@@ -36,7 +36,7 @@ AskedModel = str | RequestMode | Callable[..., object]
 
 
 @dataclass(frozen=True, repr=False)
-class Report(Read[BatteryScore, Verdict]):
+class Report(RunReport[BatteryScore, Verdict]):
     """A scored and judged run: ``report["scripted:depth"]`` is the verdict on that model.
 
     ``path`` is the run's folder, ``score`` holds every statistic, and ``verdicts`` maps each SPEC
@@ -120,7 +120,7 @@ class _Mode(TypedDict, total=False):
     stream: str
 
 
-class _Asking(_Mode, total=False):
+class _BatteryOptions(_Mode, total=False):
     """The options of a battery: request-mode fields, and those of its ``plan`` and ``run``."""
 
     prompt: str | None
@@ -143,7 +143,7 @@ def run_battery(
     concurrency: int = 8,
     probe: bool = True,
     progress: Progress | None = None,
-    **asking: Unpack[_Asking],
+    **asking: Unpack[_BatteryOptions],
 ) -> Report:
     """Ask models about every frame of a bank under every condition, and return the report.
 
@@ -167,7 +167,7 @@ def run_battery(
     Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError if a probe fails. A
     report's notes name failed calls.
     """
-    require_arguments("run_battery", asking, _Asking)
+    require_arguments("run_battery", asking, _BatteryOptions)
     if asking.get("conditions") is not None:
         require_several("conditions", asking["conditions"], '["real", "blank"]')
     named: dict[str, Any] = {**asking}
@@ -178,7 +178,9 @@ def run_battery(
     if "seed" in named:
         named["seed"] = whole_number("seed", named["seed"], 0)
     limit = named.pop("limit", None)
-    extent = Extent(None if limit is None else whole_number("limit", limit, 1), controls=named.pop("controls", None))
+    extent = BatterySelection(
+        None if limit is None else whole_number("limit", limit, 1), controls=named.pop("controls", None)
+    )
     again, moved = named.pop("again", False), named.pop("moved", False)
     sequential = named.pop("sequential", None)
     if sequential not in (True, False, None):
@@ -190,8 +192,8 @@ def run_battery(
         return battery.plan(root, [held.get(mode.spec, mode) for mode in modes], place, extent=extent, **named)
 
     bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
-    allowed = Allowed(read_prices(), no_probe=not probe, moved=moved, **bounds)
-    asked = Asked(modes, by_option, how)
+    allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds)
+    asked = RunModes(modes, by_option, how)
     planned = plan_probed(Planner(plan, [place]), asked, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a failed probe raises before this
     planned.make(allowed, moving(progress))
@@ -200,12 +202,12 @@ def run_battery(
 
 def _asked_models(
     models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]], how: Mapping[str, Any]
-) -> tuple[dict[str, Opened], list[RequestMode], frozenset[str]]:
+) -> tuple[dict[str, OpenedModel], list[RequestMode], frozenset[str]]:
     """Return the open callables, the request modes of all models in order, and the given SPECs.
 
     Raises SpecError if two callables have the same name, or if fields would change no model.
     """
-    held: dict[str, Opened] = {}
+    held: dict[str, OpenedModel] = {}
     modes: list[RequestMode] = []
     several = each_named(models, "model", "models", (str, RequestMode))
     for name, one in several:
@@ -215,7 +217,7 @@ def _asked_models(
         assert callable(one)
         mode = RequestMode(f"python:{name or name_of(one)}", **how)
         require_new(mode.spec, held, "models")
-        held[mode.spec] = Opened(mode, hold(one, mode))
+        held[mode.spec] = OpenedModel(mode, hold(one, mode))
         modes.append(mode)
     if how and all(isinstance(one, RequestMode) for _, one in several):
         raise SpecError(f"{', '.join(how)} would change no model: a RequestMode is asked as it says")
@@ -243,7 +245,7 @@ def _read_report(run: Path | str, **reading: Any) -> Report:  # noqa: ANN401 - t
 
 
 def _ask(
-    mode: RequestMode, sample: Sample, most: float | None, spend: Callable[[Spent], None], *, fixed: Sequence[str]
-) -> Found:
+    mode: RequestMode, sample: Sample, most: float | None, spend: Callable[[Usage], None], *, fixed: Sequence[str]
+) -> ProbeResult:
     """Probe a model without changing ``fixed`` fields; it runs in a thread if a loop runs here."""
     return find_mode(mode, fixed=fixed, sample=sample, seed=secrets.randbelow(10**6), max_cost=most, spend=spend)

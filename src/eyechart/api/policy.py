@@ -6,23 +6,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypedDict, Unpack
 
-from eyechart.api.asked import each_named, placed, require_arguments, require_new, require_several, still
-from eyechart.api.reports import Read, row_of, written_page
+from eyechart.api.reports import RunReport, row_of, written_page
+from eyechart.api.subjects import each_named, placed, require_arguments, require_new, require_several, still
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank, open_bank
-from eyechart.models import Opened, open_policy, policy_mode
+from eyechart.models import OpenedModel, open_policy, policy_mode
 from eyechart.models.policy_callable import hold
 from eyechart.models.prices import read_prices
 from eyechart.models.python_callable import name_of
-from eyechart.planned import Allowed, moving
+from eyechart.planned_run import RunAllowance, moving
 from eyechart.probe import policies as doctor
 from eyechart.probe.policies import PolicyDiagnosis
 from eyechart.run import Progress
 from eyechart.studies import policy
-from eyechart.studies.policy import Extent, PolicyScore
-from eyechart.studies.policy.scoring import judge
-from eyechart.studies.probed import accept_losses
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.studies.policy import PolicyScore, PolicySelection
+from eyechart.studies.policy.scores import judge
+from eyechart.studies.probes import accept_losses
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 
 if TYPE_CHECKING:  # a score needs no templates
     from eyechart.report.page import Page
@@ -32,7 +32,7 @@ AskedPolicy = str | Callable[..., object]
 
 
 @dataclass(frozen=True, repr=False)
-class PolicyReport(Read[PolicyScore, PolicyVerdict]):
+class PolicyReport(RunReport[PolicyScore, PolicyVerdict]):
     """A scored and judged run of policies, one verdict per policy.
 
     ``report["python:mine"].camera.label`` is a camera label. ``path`` is the run's folder,
@@ -74,7 +74,7 @@ class PolicyReport(Read[PolicyScore, PolicyVerdict]):
         return f"the bank '{self.score.bank.name}'" if self.verdicts else "the run holds no policy"
 
 
-class _Asking(TypedDict, total=False):
+class _PolicyOptions(TypedDict, total=False):
     """The options of a run of policies: those of its ``plan`` and ``run``."""
 
     conditions: Sequence[str] | None
@@ -95,7 +95,7 @@ def run_policies(
     out: Path | str,
     *,
     progress: Progress | None = None,
-    **asking: Unpack[_Asking],
+    **asking: Unpack[_PolicyOptions],
 ) -> PolicyReport:
     """Ask policies about every frame of a bank with channels exchanged, and return the report.
 
@@ -116,13 +116,13 @@ def run_policies(
     Raises BankError, SpecError or LedgerError as ``plan`` does.
     """
     root, place = placed(bank), Path(out).absolute()
-    require_arguments("run_policies", asking, _Asking)
+    require_arguments("run_policies", asking, _PolicyOptions)
     if (conditions := asking.get("conditions")) is not None:
         require_several("conditions", conditions, '["real", "blank"]')
     limit, most = (asking.get(name) for name in ("limit", "max_calls"))
     if (shapley := asking.get("shapley", False)) not in (True, False):
         raise SpecError(f"shapley must be True or False, not {shapley!r}")
-    extent = Extent(
+    extent = PolicySelection(
         None if limit is None else whole_number("limit", limit, 1),
         answers=whole_number("answers", asking.get("answers", policy.ANSWERS), 1),
         shapley=shapley,
@@ -139,7 +139,7 @@ def run_policies(
         timeout_s=timeout_s,
     )
     most = None if most is None else whole_number("max_calls", most, 1)
-    allowed = Allowed(read_prices(), max_calls=most, concurrency=1, again=asking.get("again", False))
+    allowed = RunAllowance(read_prices(), max_calls=most, concurrency=1, again=asking.get("again", False))
     outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
         warnings.warn(f"{spec} was set aside, and is judged by its answers before that: {why}", stacklevel=3)
@@ -181,9 +181,9 @@ def _read(run: Path | str, *, reread: bool = False) -> PolicyReport:
 
 def _opened(
     policies: AskedPolicy | Sequence[AskedPolicy] | Mapping[str, Callable[..., object]], timeout_s: float | None
-) -> list[Opened]:
+) -> list[OpenedModel]:
     """Return each policy with its mode; raises SpecError for no policy, or a name twice."""
-    opened: dict[str, Opened] = {}
+    opened: dict[str, OpenedModel] = {}
     for name, one in each_named(policies, "policy", "policies", (str,)):
         if isinstance(one, str):
             opened[one] = open_policy(one, timeout_s)
@@ -191,5 +191,5 @@ def _opened(
         assert callable(one)
         mode = policy_mode(f"python:{name or name_of(one)}", timeout_s)
         require_new(mode.spec, opened, "policies")
-        opened[mode.spec] = Opened(mode, hold(one, mode))
+        opened[mode.spec] = OpenedModel(mode, hold(one, mode))
     return list(opened.values())

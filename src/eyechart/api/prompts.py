@@ -6,22 +6,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from eyechart.api.asked import placed, require_arguments, require_several, still
 from eyechart.api.battery import AskedModel, _ask, _asked_models, _Mode
 from eyechart.api.reports import row_of, written_page
+from eyechart.api.subjects import placed, require_arguments, require_several, still
 from eyechart.compare import Comparison, compare, replication_table
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
 from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
-from eyechart.planned import Allowed, moving
+from eyechart.planned_run import RunAllowance, moving
 from eyechart.prompts import PROMPTS
 from eyechart.report.table import Table
 from eyechart.run import Progress
-from eyechart.studies import Reading
+from eyechart.studies import ReadOptions
 from eyechart.studies import prompts as study
-from eyechart.studies.probed import Asked, Planner, plan_probed
-from eyechart.studies.prompts import Held, Prompts, PromptsScore, PromptStudy
+from eyechart.studies.probes import Planner, RunModes, plan_probed
+from eyechart.studies.prompts import Prompts, PromptSensitivity, PromptsScore, PromptStudy
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,12 +40,12 @@ class PromptsReport:
     against: Mapping[str, Comparison]
 
     @property
-    def models(self) -> dict[str, Held]:
+    def models(self) -> dict[str, PromptSensitivity]:
         """Return each model's labels under every prompt, by SPEC."""
         return {one.model: one for one in study.by_model(self.score.cells)}
 
     @speaks_of_arguments
-    def __getitem__(self, model: str) -> Held:
+    def __getitem__(self, model: str) -> PromptSensitivity:
         """Return a model's labels under every prompt; raises SpecError that lists the models."""
         if model not in self.models:
             raise SpecError(f"{self.path} holds no model '{model}'; it holds {', '.join(self.models)}")
@@ -92,10 +92,10 @@ class PromptsReport:
     @speaks_of_arguments
     def to_html(self, out: Path | str) -> Path:
         """Write the report as one page, as ``eyechart report`` does, and return its path."""
-        return written_page(lambda: Prompts().report([self.path], [], Reading(), lambda *_: None).page, out)
+        return written_page(lambda: Prompts().report([self.path], [], ReadOptions(), lambda *_: None).page, out)
 
 
-class _Comparing(_Mode, total=False):
+class _ComparisonOptions(_Mode, total=False):
     """The options of a comparison: request-mode fields, and those of ``eyechart run prompts``."""
 
     limit: int
@@ -114,7 +114,7 @@ def compare_prompts(
     concurrency: int = 8,
     probe: bool = True,
     progress: Progress | None = None,
-    **asking: Unpack[_Comparing],
+    **asking: Unpack[_ComparisonOptions],
 ) -> PromptsReport:
     """Ask models about the same frames under several prompts, and compare the results.
 
@@ -130,7 +130,7 @@ def compare_prompts(
     several, place = [prompts] if isinstance(prompts, str | Path) else prompts, Path(out).absolute()
     if len(several) < 2:
         raise SpecError(f"compare_prompts takes two prompts or more, see {', '.join(PROMPTS)}; got {len(several)}")
-    require_arguments("compare_prompts", asking, _Comparing)
+    require_arguments("compare_prompts", asking, _ComparisonOptions)
     how: dict[str, Any] = {**asking}
     at_once, again = whole_number("concurrency", concurrency, 1), how.pop("again", False)
     extent: dict[str, Any] = {name: how.pop(name) for name in ("limit", "seed", "conditions") if name in how}
@@ -138,7 +138,7 @@ def compare_prompts(
     if "conditions" in extent:
         require_several("conditions", extent["conditions"], '["real", "blank"]')
     cells = partial(study.plan, placed(bank), out=place, prompts=[*map(str, several)], **extent)
-    allowed = Allowed(read_prices(), no_probe=not probe, concurrency=at_once, again=again)
+    allowed = RunAllowance(read_prices(), no_probe=not probe, concurrency=at_once, again=again)
     planned = _planned(cells, models, how, allowed, place)
     planned.make(allowed, moving(progress))
     return _read(still(out, place), list(planned.cells))
@@ -151,7 +151,7 @@ def _planned(
     cells: Callable[..., PromptStudy],
     models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]],
     how: Mapping[str, Any],
-    allowed: Allowed,
+    allowed: RunAllowance,
     place: Path,
 ) -> PromptStudy:
     """Return the study with its request modes; models without one are probed with all prompts."""
@@ -160,7 +160,7 @@ def _planned(
     def plan(modes: Sequence[RequestMode]) -> PromptStudy:
         return cells(specs=[held.get(mode.spec, mode) for mode in modes])
 
-    asked = Asked(modes, by_option, how)
+    asked = RunModes(modes, by_option, how)
     planned = plan_probed(Planner(plan, study.cells_in(place)), asked, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a failed probe raises before this
     return planned
@@ -168,7 +168,7 @@ def _planned(
 
 def _read(path: Path, names: Sequence[str]) -> PromptsReport:
     """Score a study, and compare its cells with the first of these names."""
-    score = Prompts().score(path, Reading())
+    score = Prompts().score(path, ReadOptions())
     first, *others = (score.batteries[name] for name in names)
     return PromptsReport(
         path, score, names[0], {name: compare(first, one) for name, one in zip(names[1:], others, strict=True)}

@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # a score needs no templates
     from eyechart.report.page import Page
 
 
-class _Judged(Protocol):
+class _AnyVerdict(Protocol):
     """A verdict on one model or policy."""
 
     @property
@@ -26,11 +26,11 @@ class _Judged(Protocol):
 
 
 S = TypeVar("S")
-V = TypeVar("V", bound=_Judged)
+V = TypeVar("V", bound=_AnyVerdict)
 
 
 @dataclass(frozen=True, repr=False)
-class Read(ABC, Generic[S, V]):
+class RunReport(ABC, Generic[S, V]):
     """A scored and judged run: its folder, its score, and each verdict by SPEC."""
 
     path: Path

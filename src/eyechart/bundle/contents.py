@@ -18,10 +18,10 @@ from eyechart.errors import BundleError, raising
 from eyechart.frames import FrameBank
 from eyechart.ledger import SINCE_FORMAT_3, Ledger
 from eyechart.manifest import LEDGER, RunManifest
-from eyechart.records import Plain, build
+from eyechart.records import JsonRecord, build
 from eyechart.report.table import files_of
 from eyechart.spaces.reader import READER, READERS
-from eyechart.studies import Made, Packed, Reading, Tell, study_of
+from eyechart.studies import BundledRun, ReadOptions, StudyReport, Tell, study_of
 from eyechart.studies.battery import BatteryScore
 from eyechart.studies.battery.tables import decisions_table
 
@@ -56,7 +56,7 @@ RESAMPLES = (100, 100_000)
 
 
 @dataclass(frozen=True)
-class Recipe(Plain):
+class Recipe(JsonRecord):
     """How results follow from a run: the choices that were made, and no result.
 
     ``drawn_with`` are the library versions that the bytes of pictures and drawings depend on.
@@ -104,7 +104,7 @@ def drawn_with() -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Derived:
+class DerivedResults:
     """All that follows from a run: results as plain values, files that print them, counts."""
 
     results: dict[str, object]
@@ -113,8 +113,8 @@ class Derived:
 
     @classmethod
     def of(
-        cls, results: Mapping[str, object], made: Made, how: str, more: Mapping[str, bytes], **counted: int
-    ) -> "Derived":
+        cls, results: Mapping[str, object], made: StudyReport, how: str, more: Mapping[str, bytes], **counted: int
+    ) -> "DerivedResults":
         """Return the files of results and a report, with ``how`` to read them and ``more``."""
         files = {RESULTS: as_json(results), REPORT: made.page.html, README: how.encode()}
         files |= {f"{TABLES}{name}": content for name, content in files_of(made.tables).items()}
@@ -123,11 +123,11 @@ class Derived:
 
 def derive(
     run: Path, manifest: RunManifest, banks: tuple[FrameBank, FrameBank], recipe: Recipe, tell: Tell = lambda _: None
-) -> Derived:
+) -> DerivedResults:
     """Compute results, report and tables from a run's folder, its bank, and its pictures' bank."""
     tell("scoring")
-    study, reading = study_of(run, "bundle"), Reading(recipe.independent, resamples=recipe.resamples)
-    score, made = study.derive(Packed(recipe.name, manifest, banks[0], run / LEDGER, banks[1]), reading, tell)
+    study, reading = study_of(run, "bundle"), ReadOptions(recipe.independent, resamples=recipe.resamples)
+    score, made = study.derive(BundledRun(recipe.name, manifest, banks[0], run / LEDGER, banks[1]), reading, tell)
     (verdicts,) = study.verdict_json(score).values()
     results: dict[str, object] = {
         "score": score.as_dict(),
@@ -140,7 +140,7 @@ def derive(
         more[DECISIONS] = decisions_table(score).csv().encode("utf-8", "backslashreplace")
     models = score.models.values()
     statistics, calls = sum(len(one.statistics) for one in models), sum(one.answered for one in models)
-    return Derived.of(results, made, _HOW, more, models=len(manifest.models), statistics=statistics, calls=calls)
+    return DerivedResults.of(results, made, _HOW, more, models=len(manifest.models), statistics=statistics, calls=calls)
 
 
 def said_since(printed: Mapping[str, object], derived: Mapping[str, object]) -> dict[str, object]:

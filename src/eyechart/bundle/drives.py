@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.bundle.comparing import TOLERANCE, Difference
+from eyechart.bundle.differences import TOLERANCE, PrintedDifference
 from eyechart.episodes import ACTION_MAP, Episode, EpisodesManifest, every_episode, read_episodes, unfinished
-from eyechart.episodes.planning import PATIENCE_S
+from eyechart.episodes.plans import PATIENCE_S
 from eyechart.episodes.records import decided_by
-from eyechart.episodes.repeats import Mismatch, Repeats, longest, other_versions, refused, repeat, world_of
+from eyechart.episodes.repeats import Mismatch, ReplayDifferences, longest, other_versions, refused, repeat, world_of
 from eyechart.errors import BundleError, counted
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN, read_episodes_manifest
@@ -17,8 +17,8 @@ from eyechart.perception.view import find_view
 from eyechart.policies.baselines import drawn_like
 from eyechart.simulators import Simulator
 from eyechart.studies import Tell
-from eyechart.studies.structured.online import Vetted, read_vetting, vet
-from eyechart.studies.structured.seen import Seen, check, read_seen
+from eyechart.studies.structured.observed_frames import ObservedFrames, check, read_seen
+from eyechart.studies.structured.online import WorldCheck, read_vetting, vet
 
 MOST_EPISODES = 100_000
 MOST_STEPS = 5_000_000
@@ -34,7 +34,7 @@ _ACTION_MAP = "action map"
 
 
 @dataclass(frozen=True, slots=True)
-class Again:
+class ReplayCheck:
     """How to drive again.
 
     ``processes`` is their number, ``sample`` the episodes per run (None for all). A sample also
@@ -48,10 +48,10 @@ class Again:
 
 
 @dataclass
-class Found:
+class RunCheck:
     """The findings of a check of one run."""
 
-    differences: list[Difference]
+    differences: list[PrintedDifference]
     uncompared: list[str]
     notes: list[str]
     compared: dict[str, int]
@@ -67,20 +67,20 @@ def require_bounded_drives(run: Path) -> None:
                 raise BundleError(f"it has more than {most} {what}, the most that are validated: nothing is recomputed")
 
 
-def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tell: Tell) -> Found:
+def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: ReplayCheck, tell: Tell) -> RunCheck:
     """Drive the episodes of a run again and compare; ``exact`` if the same eyechart drove them.
 
     Worlds with foreign code are not opened; the notes name episodes that were not driven.
     """
-    found, manifest = Found([], [], [], {}), read_episodes_manifest(run)
+    found, manifest = RunCheck([], [], [], {}), read_episodes_manifest(run)
     if (run / RUN).read_bytes() != manifest.as_text().encode():
-        found.differences.append(Difference(RUN, "written in another way", "as a run is written"))
+        found.differences.append(PrintedDifference(RUN, "written in another way", "as a run is written"))
     episodes = list({one.key: one for one in read_episodes(run)}.values())
     if (run / LEDGER).is_file():
         with Ledger(run / LEDGER, sound=False) as ledger:
             damaged = ledger.damaged()
             found.differences += [
-                Difference(f"{LEDGER}, {one}", "a row", "another than was written") for one in damaged
+                PrintedDifference(f"{LEDGER}, {one}", "a row", "another than was written") for one in damaged
             ]
             ledger.take()
             found.differences += _asked_twice(ledger, manifest)
@@ -92,7 +92,7 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
     found.differences += [*_declared(manifest, simulator), *_drawn(run, manifest)]
     apart = other_versions(manifest, simulator)
     if _ACTION_MAP in apart:  # it lies beside the run and is no library
-        found.differences.append(Difference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
+        found.differences.append(PrintedDifference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
     words = "; ".join(f"{name} {made}, here {here}" for name, (made, here) in apart.items())
     same = exact and not apart
     chosen, worlds = _chosen(run, manifest, episodes, how, found), manifest.simulator
@@ -115,7 +115,7 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: Again, tel
     return found
 
 
-def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[Difference]:
+def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[PrintedDifference]:
     """Yield the manifest's statements about its world that the world contradicts."""
     declared = simulator.declared
     for name, mine, theirs in (
@@ -123,30 +123,30 @@ def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[Diff
         ("picture", manifest.picture, declared.picture),
     ):
         if mine != theirs:
-            yield Difference(f"{RUN}, {name}", str(mine), str(theirs))
+            yield PrintedDifference(f"{RUN}, {name}", str(mine), str(theirs))
 
 
-def _drawn(run: Path, manifest: EpisodesManifest) -> Iterator[Difference]:
+def _drawn(run: Path, manifest: EpisodesManifest) -> Iterator[PrintedDifference]:
     """Yield wrong counts of marginal policies: those that are not their driver's decisions."""
     for spec in {one.key.policy: None for one in read_episodes(run) if one.steps}:
         if driver := manifest.marginal_of(spec):
             counts, made = decided_by(driver, spec, read_episodes(run)), manifest.policies[spec]
             if (here := drawn_like(counts, manifest.action_space).version) != made:
-                yield Difference(f"{RUN}, counts of '{spec}'", made or "none", here)
+                yield PrintedDifference(f"{RUN}, counts of '{spec}'", made or "none", here)
 
 
-def _asked_twice(ledger: Ledger, manifest: EpisodesManifest) -> Iterator[Difference]:
+def _asked_twice(ledger: Ledger, manifest: EpisodesManifest) -> Iterator[PrintedDifference]:
     """Yield the calls whose attempts had different requests."""
     for spec in manifest.models:
         first: dict[object, str] = {}
         for sent in ledger.attempts(spec):
             if (before := first.setdefault(sent.key, sent.request_sha256)) != sent.request_sha256:
                 where = f"ledger, another attempt of {spec} about '{sent.key.frame}' under {sent.key.condition}"
-                yield Difference(where, sent.request_sha256, before)
+                yield PrintedDifference(where, sent.request_sha256, before)
 
 
 def _chosen(
-    run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], how: Again, found: Found
+    run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], how: ReplayCheck, found: RunCheck
 ) -> list[Episode]:
     """Return the episodes to drive again: all, or an unpredictable sample."""
     drawn = random.SystemRandom().sample(episodes, len(episodes))
@@ -171,7 +171,7 @@ def _steps_a_decision(run: Path) -> int:
     return read_map(run / ACTION_MAP).repeat
 
 
-def _hold(repeats: Repeats, found: Found, apart: str, *, same_pictures: bool) -> None:
+def _hold(repeats: ReplayDifferences, found: RunCheck, apart: str, *, same_pictures: bool) -> None:
     """Record the findings of driving again: differences, or what other versions cannot compare."""
     if apart:
         found.uncompared.append(f"{repeats.episodes} episodes, driven with other versions")
@@ -196,7 +196,7 @@ def _hold(repeats: Repeats, found: Found, apart: str, *, same_pictures: bool) ->
     _hold_states(repeats, found)
 
 
-def _hold_states(repeats: Repeats, found: Found) -> None:
+def _hold_states(repeats: ReplayDifferences, found: RunCheck) -> None:
     """Compare exact states with the record; if none agrees, another machine drove."""
     unlike = [one for one in repeats.states if one[1] != one[2]]
     one_to_one = len({pair[1:] for pair in repeats.states}) == len({one[1] for one in repeats.states})
@@ -211,18 +211,18 @@ def _hold_states(repeats: Repeats, found: Found) -> None:
         found.differences.append(_difference(Mismatch(key, None, "state at the end (SHA-256)", recorded, driven)))
 
 
-def _difference(one: Mismatch) -> Difference:
-    return Difference(one.where, one.recorded, one.driven)
+def _difference(one: Mismatch) -> PrintedDifference:
+    return PrintedDifference(one.where, one.recorded, one.driven)
 
 
-def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: Again, most: int) -> str:
+def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: ReplayCheck, most: int) -> str:
     steps = sum(most if one.ended == "error" else len(one.steps) for one in chosen)
     where = f"{counted(steps, 'step')} in {counted(how.processes, 'process')}"
     again = f"driving {len(chosen)} of {counted(of, 'episode')} of {worlds} again"
     return f"{again}: {where}, none longer than {PATIENCE_S:g} s"
 
 
-def _online_bound(vetted: Sequence[Vetted], seen: Sequence[tuple[Seen, Episode]]) -> str:
+def _online_bound(vetted: Sequence[WorldCheck], seen: Sequence[tuple[ObservedFrames, Episode]]) -> str:
     """Return in words an online run's extra work: worlds to vet and frames to check again."""
     if not vetted and not seen:
         return ""
@@ -231,7 +231,7 @@ def _online_bound(vetted: Sequence[Vetted], seen: Sequence[tuple[Seen, Episode]]
     return f"; then in one process: {worlds}, and {counted(frames, 'frame')} checked anew"
 
 
-def _vetted(run: Path, how: Again, found: Found, *, same: bool) -> Sequence[Vetted]:
+def _vetted(run: Path, how: ReplayCheck, found: RunCheck, *, same: bool) -> Sequence[WorldCheck]:
     """Return the worlds of an online run to vet again: all, or a random sample."""
     vetted = read_vetting(run) or ()
     if len(vetted) > MOST_VETTED:
@@ -246,14 +246,16 @@ def _vetted(run: Path, how: Again, found: Found, *, same: bool) -> Sequence[Vett
     return kept
 
 
-def _seen(run: Path, chosen: Sequence[Episode], *, same: bool) -> Sequence[tuple[Seen, Episode]]:
+def _seen(run: Path, chosen: Sequence[Episode], *, same: bool) -> Sequence[tuple[ObservedFrames, Episode]]:
     """Return the chosen episodes that an online run recorded as checked, with that record."""
     told = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)} if same else {}
     found = ((told.get((one.key.policy, one.key.scenario, one.key.seed)), one) for one in chosen)
     return [(mine, one) for mine, one in found if mine is not None and one.ended != "error"]
 
 
-def _hold_vetting(vetted: Sequence[Vetted], manifest: EpisodesManifest, simulator: Simulator, found: Found) -> None:
+def _hold_vetting(
+    vetted: Sequence[WorldCheck], manifest: EpisodesManifest, simulator: Simulator, found: RunCheck
+) -> None:
     """Let the positive control drive again in worlds that an online run vetted."""
     if not vetted:
         return
@@ -264,20 +266,20 @@ def _hold_vetting(vetted: Sequence[Vetted], manifest: EpisodesManifest, simulato
     found.compared["vetted worlds"] = len(vetted)
 
 
-def _apart(where: str, mine: object, again: object, names: Sequence[str]) -> Iterator[Difference]:
+def _apart(where: str, mine: object, again: object, names: Sequence[str]) -> Iterator[PrintedDifference]:
     """Yield the fields in which two records differ by more than rounding."""
     for name in names:
         one, other = getattr(mine, name), getattr(again, name)
         close = isinstance(one, float) and isinstance(other, float) and abs(one - other) <= TOLERANCE
         if one != other and not close:
-            yield Difference(f"{where}, {name}", str(one), str(other))
+            yield PrintedDifference(f"{where}, {name}", str(one), str(other))
 
 
 def _hold_seen(
-    seen: Sequence[tuple[Seen, Episode]],
+    seen: Sequence[tuple[ObservedFrames, Episode]],
     manifest: EpisodesManifest,
     simulator: Simulator,
-    found: Found,
+    found: RunCheck,
     *,
     told: bool,
 ) -> None:
@@ -294,7 +296,7 @@ def _hold_seen(
     found.compared["episodes whose frames were checked"] = len(seen)
 
 
-def _say(run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], found: Found) -> None:
+def _say(run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], found: RunCheck) -> None:
     """Note the parts of a run that no drive can check."""
     if called := [spec for spec in manifest.models if spec.startswith("python:")]:
         found.notes.append(f"unchecked: the code of {', '.join(called)}; its replies are those of the record")

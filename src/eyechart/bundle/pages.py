@@ -8,10 +8,10 @@ from html import unescape
 from itertools import chain
 from typing import Any
 
-from eyechart.bundle.comparing import (
-    Difference,
+from eyechart.bundle.differences import (
     Path,
-    Rounding,
+    PrintedDifference,
+    RoundedNumbers,
     compare_values,
     first_difference,
     same_drawing,
@@ -140,7 +140,7 @@ def tokens_of(html: str) -> Iterator[Token]:
 
 
 @dataclass(frozen=True, slots=True)
-class Strictness:
+class Tolerance:
     """Whether to compare positions in ``drawings`` and ``pictures``, which libraries change."""
 
     drawings: bool
@@ -152,7 +152,9 @@ class Strictness:
         return [one for one in every if self.drawings or not one.drawn or (not one.shape and one.text.strip())]
 
 
-def compare_pages(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
+def compare_pages(
+    printed: str, recomputed: str, rounding: RoundedNumbers, how: Tolerance
+) -> Iterator[PrintedDifference]:
     """Yield the differences of two pages, each with its section, figure, table, row and column."""
     if printed == recomputed:
         return
@@ -163,18 +165,18 @@ def compare_pages(printed: str, recomputed: str, rounding: Rounding, how: Strict
         place = first_difference(*shapes)
         end = Token("", "report.html", drawn=False)
         ends = [side[place] if place < len(side) else end for side in (mine, theirs)]
-        yield Difference(ends[1].where, *(one.words for one in ends))
+        yield PrintedDifference(ends[1].where, *(one.words for one in ends))
         mine, theirs = mine[:place], theirs[:place]
     for one, other in zip(mine, theirs, strict=True):
         if one.text != other.text:
             yield from _compare_tokens(one, other, rounding, how)
 
 
-def _compare_tokens(one: Token, other: Token, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
+def _compare_tokens(one: Token, other: Token, rounding: RoundedNumbers, how: Tolerance) -> Iterator[PrintedDifference]:
     if not other.shape:
         weighed = " MB before base64" in other.text and not how.pictures
         if not rounding.same(one.text, other.text) and not weighed:
-            yield Difference(other.where, one.words, other.words)
+            yield PrintedDifference(other.where, one.words, other.words)
         return
     mine, theirs = dict(one.attributes), dict(other.attributes)
     unlike = [
@@ -184,18 +186,20 @@ def _compare_tokens(one: Token, other: Token, rounding: Rounding, how: Strictnes
     ]
     for name in unlike:
         words = f"{other.where}, {other.shape.partition(' ')[2]} {name}"
-        yield Difference(words, str(mine.get(name)), str(theirs.get(name)))
+        yield PrintedDifference(words, str(mine.get(name)), str(theirs.get(name)))
     if not unlike and (skeleton(one.text) != skeleton(other.text) or len(one.attributes) != len(other.attributes)):
-        yield Difference("report.html, its markup", "written in another way", "as a report is written")
+        yield PrintedDifference("report.html, its markup", "written in another way", "as a report is written")
 
 
-def _same_attribute(name: str, mine: str | None, theirs: str | None, rounding: Rounding, *, drawn: bool) -> bool:
+def _same_attribute(name: str, mine: str | None, theirs: str | None, rounding: RoundedNumbers, *, drawn: bool) -> bool:
     if mine is None or theirs is None:
         return False
     return same_drawing(mine, theirs) if drawn and name in _DRAWN else rounding.same(mine, theirs)
 
 
-def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strictness) -> Iterator[Difference]:
+def _compare_data(
+    printed: str, recomputed: str, rounding: RoundedNumbers, how: Tolerance
+) -> Iterator[PrintedDifference]:
     try:
         own = list(_blocks(recomputed, _MOST_UNPACKED))
         given = list(_blocks(printed, _LONGER * (1 + sum(map(len, own)))))
@@ -206,10 +210,10 @@ def _compare_data(printed: str, recomputed: str, rounding: Rounding, how: Strict
         )
         written = all(same_writing(json.loads(one), one, embedded_json) for one in given)
     except (ValueError, AttributeError, RecursionError):
-        yield Difference("report.html, frames", "data that cannot be read", "the calls of the ledger")
+        yield PrintedDifference("report.html, frames", "data that cannot be read", "the calls of the ledger")
         return
     if not written:
-        yield Difference("report.html, frames, data", "written in another way", "as a report writes them")
+        yield PrintedDifference("report.html, frames, data", "written in another way", "as a report writes them")
     if not how.pictures:
         for side in (mine, theirs):
             side.pop("pictures", None)

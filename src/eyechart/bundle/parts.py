@@ -13,7 +13,7 @@ from eyechart.bundle.contents import (
     RUN_FOLDER,
     SOURCE,
     TABLES,
-    Derived,
+    DerivedResults,
     Recipe,
     digests,
 )
@@ -22,7 +22,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import BESIDE, LEDGER, RUN
 from eyechart.models.prices import read_prices
 from eyechart.records import plain
-from eyechart.studies import Reading, Tell, is_episodes, run_json, study_of
+from eyechart.studies import ReadOptions, Tell, is_episodes, run_json, study_of
 from eyechart.studies.battery.tables import decisions_table
 from eyechart.studies.prompts import PromptsScore
 
@@ -77,10 +77,13 @@ def sources() -> dict[str, bytes]:
     return {f"{SOURCE}eyechart/{path.relative_to(root).as_posix()}": path.read_bytes() for path in sorted(found)}
 
 
-def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> Derived:
+def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> DerivedResults:
     """Compute results, report and tables of a bundle's run or runs, without driving."""
     tell("scoring")
-    study, reading = study_of(folder, "bundle"), Reading(recipe.independent, resamples=recipe.resamples, driven=False)
+    study, reading = (
+        study_of(folder, "bundle"),
+        ReadOptions(recipe.independent, resamples=recipe.resamples, driven=False),
+    )
     prices = read_prices()
     with _called(folder, recipe.name) as named:
         score, made = study.whole(named, reading, tell)
@@ -99,7 +102,7 @@ def derive_parts(folder: Path, recipe: Recipe, tell: Tell = lambda _: None) -> D
             },
         }
         drives = any(is_episodes(run) for run in runs.values())
-    return Derived.of(results, made, _HOW, (sources() if drives else {}) | _decisions(score), runs=len(runs))
+    return DerivedResults.of(results, made, _HOW, (sources() if drives else {}) | _decisions(score), runs=len(runs))
 
 
 def _decisions(score: object) -> dict[str, bytes]:

@@ -7,16 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from eyechart.bundle.contents import FORMAT, INDEX, RUN_FOLDER, Derived, Recipe, as_json, derive, digest_of
+from eyechart.bundle.contents import FORMAT, INDEX, RUN_FOLDER, DerivedResults, Recipe, as_json, derive, digest_of
 from eyechart.bundle.parts import copy_drives, derive_parts, has_parts
-from eyechart.bundle.unpacking import check_names
+from eyechart.bundle.reader import check_names
 from eyechart.destination import require_free, whole
 from eyechart.errors import BundleError, SpecError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
 from eyechart.scratch import scratch
-from eyechart.studies import Reading, Study, Tell, is_episodes, study_of
+from eyechart.studies import ReadOptions, Study, Tell, is_episodes, study_of
 from eyechart.studies.battery.subjects import find_pictures, used_pictures
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -40,7 +40,7 @@ def write_bundle(
     missing, and OutputError if ``out`` may not be written.
     """
     require_free(out, "bundle")
-    study, reading = study_of(run, "bundle"), Reading(independent, reread, resamples=resamples)
+    study, reading = study_of(run, "bundle"), ReadOptions(independent, reread, resamples=resamples)
     with scratch("bundle") as work:
         folder = Path(work) / "bundle"
         if has_parts(run):
@@ -60,8 +60,8 @@ def write_bundle(
 
 
 def _of_bank(
-    study: Study[Any], run: Path, folder: Path, banks: Sequence[Path], reading: Reading, tell: Tell
-) -> tuple[Recipe, Derived]:
+    study: Study[Any], run: Path, folder: Path, banks: Sequence[Path], reading: ReadOptions, tell: Tell
+) -> tuple[Recipe, DerivedResults]:
     """Copy a run on a bank; return the copy's recipe and results."""
     study.require_scorable(run, reading)
     manifest, bank = _copied(run, folder / RUN_FOLDER, banks, tell, reread=reading.reread)
@@ -72,8 +72,8 @@ def _of_bank(
 
 
 def _of_parts(
-    study: Study[Any], run: Path, folder: Path, banks: Sequence[Path], reading: Reading, tell: Tell
-) -> tuple[Recipe, Derived]:
+    study: Study[Any], run: Path, folder: Path, banks: Sequence[Path], reading: ReadOptions, tell: Tell
+) -> tuple[Recipe, DerivedResults]:
     """Copy drives, or every run of a folder; return the copies' recipe and results."""
     if reading.reread:
         raise SpecError(f"{run} holds {study.runs_are}: --reread is for one run on a bank")

@@ -13,26 +13,26 @@ import numpy.typing as npt
 
 from eyechart.errors import SpecError
 from eyechart.processes import open_pool
-from eyechart.records import Plain
+from eyechart.records import JsonRecord
 from eyechart.report.table import Column, Table
 from eyechart.seeds import key_seed
-from eyechart.stats.flips import follow
-from eyechart.stats.guarantees import share_bound
 from eyechart.stats.partners import balanced_partners
+from eyechart.stats.risk_bounds import share_bound
 from eyechart.stats.shares import Share
+from eyechart.stats.sign_flip import follow
 from eyechart.stats.statistic import Statistic
 from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, share_beyond, total_effect
-from eyechart.verdicts.axes import (
+from eyechart.verdicts.policy_rules import (
     RESPONDS,
     SURENESS,
-    Judged,
+    AxisVerdict,
     judged,
     of_camera,
     of_instruction,
     of_state,
     rests_on,
 )
-from eyechart.verdicts.uses import IGNORED
+from eyechart.verdicts.share_predicates import IGNORED
 
 Floats = npt.NDArray[np.float64]
 
@@ -51,7 +51,7 @@ LEAST_SIMULATED = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class PolicySetting:
     """One kind of simulated policy and data set; ``share`` is that of the channel at its margin.
 
     ``margin`` is ``swap``, ``matched``, ``blank`` or ``instruction``. For moved objects it is
@@ -114,9 +114,9 @@ FALSE: Mapping[str, Mapping[str, Callable[[float], bool]]] = {
 """The labels that are false at a share, by the bound at its margin."""
 
 
-def settings() -> tuple[Setting, ...]:
+def settings() -> tuple[PolicySetting, ...]:
     """Return every setting, the base first."""
-    base, found = Setting(), list[Setting]()
+    base, found = PolicySetting(), list[PolicySetting]()
     found += [replace(base, share=share) for share in SHARES]
     margins = (0.02, 0.10, 0.20)
     for share in margins:
@@ -141,7 +141,7 @@ def settings() -> tuple[Setting, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _sparse(base: Setting) -> Iterator[Setting]:
+def _sparse(base: PolicySetting) -> Iterator[PolicySetting]:
     """Yield settings in which only some episodes respond, and their comparisons."""
     some = replace(base, whole=True)
     for episodes, response in ((24, 0.15), (24, 0.25), (50, 0.10), (50, 0.15), (50, 0.25)):
@@ -157,7 +157,7 @@ def _sparse(base: Setting) -> Iterator[Setting]:
     yield replace(base, margin="instruction", share=0.0, episodes=50)
 
 
-def _posed(base: Setting) -> Iterator[Setting]:
+def _posed(base: PolicySetting) -> Iterator[PolicySetting]:
     """Yield policies that read their pose: one pose control at its margin, the other at 0."""
     for margin in ("beyond", "exchanged"):
         pose = replace(base, margin=margin)
@@ -169,10 +169,10 @@ def _posed(base: Setting) -> Iterator[Setting]:
 
 
 @dataclass(frozen=True)
-class Tried:
+class LabelCounts:
     """The number of times each label was given in a setting, out of ``draws`` data sets."""
 
-    setting: Setting
+    setting: PolicySetting
     labels: Mapping[str, int]
     draws: int
 
@@ -224,7 +224,7 @@ def try_rules(
     chosen: Sequence[str] | None = None,
     exact: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> Iterator[Tried]:
+) -> Iterator[LabelCounts]:
     """Yield the results of the rules in every setting, or in those named by ``chosen``.
 
     ``chosen`` holds parts of names, or whole names if ``exact``. The result does not depend on
@@ -245,17 +245,17 @@ def try_rules(
                 labels.update(counted)
             if progress is not None:
                 progress(place + 1, len(every))
-            yield Tried(setting, dict(labels), draws)
+            yield LabelCounts(setting, dict(labels), draws)
 
 
-def _batch(setting: Setting, seed: int, start: int, count: int) -> Counter[str]:
+def _batch(setting: PolicySetting, seed: int, start: int, count: int) -> Counter[str]:
     found: Counter[str] = Counter()
     for number in range(start, start + count):
         found.update(labels_of(setting, np.random.default_rng(key_seed("policies", seed, setting.name, number))))
     return found
 
 
-def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
+def labels_of(setting: PolicySetting, rng: np.random.Generator) -> tuple[str, ...]:
     """Return the labels of one simulated data set, and again as `WHOLE` if claimed of the whole.
 
     If the share is `IGNORED` or more, but not in the drawn episodes, each comes again as
@@ -269,7 +269,7 @@ def labels_of(setting: Setting, rng: np.random.Generator) -> tuple[str, ...]:
     return (*labels, *(f"{one.of_data_set}{WHOLE}" for one in said), *own)
 
 
-def _judged(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[Judged, ...]:
+def _judged(setting: PolicySetting, statistics: Mapping[str, Statistic]) -> tuple[AxisVerdict, ...]:
     if setting.margin == "instruction":
         return (judged(of_instruction(statistics)),)
     camera = judged(of_camera(statistics, "cameras", "its cameras"))
@@ -278,7 +278,7 @@ def _judged(setting: Setting, statistics: Mapping[str, Statistic]) -> tuple[Judg
     return camera, judged(of_state(statistics, camera.label, there=True))
 
 
-def simulated(setting: Setting, rng: np.random.Generator) -> dict[str, Statistic]:
+def simulated(setting: PolicySetting, rng: np.random.Generator) -> dict[str, Statistic]:
     """Return the statistics of one simulated data set for the rules of its margin."""
     return _World(setting, rng).statistics()
 
@@ -286,7 +286,7 @@ def simulated(setting: Setting, rng: np.random.Generator) -> dict[str, Statistic
 class _World:
     """One data set: latent numbers of frames, and the motions that follow from them."""
 
-    def __init__(self, setting: Setting, rng: np.random.Generator) -> None:
+    def __init__(self, setting: PolicySetting, rng: np.random.Generator) -> None:
         self._set, self._rng = setting, rng
         sizes = np.full(setting.episodes, setting.frames // setting.episodes)
         sizes[: setting.frames % setting.episodes] += 1
@@ -400,7 +400,7 @@ _WHOLE, _OWN = ("blank", "exchanged"), ("blank", "exchanged", "near")
 """Conditions without a channel, and conditions with pictures of the same episode."""
 
 
-def _wanted(one: Setting) -> dict[str, float]:
+def _wanted(one: PolicySetting) -> dict[str, float]:
     """Return the share of the latent variance that each condition changes."""
     share = _latent_share(one.share) if one.numbers == "bang-bang" else one.share
     if one.margin in _CONTENT:
@@ -428,7 +428,7 @@ def _latent_share(share: float) -> float:
 
 
 @dataclass(frozen=True)
-class PolicyPower(Plain):
+class PolicyPower(JsonRecord):
     """What a bank of ``episodes`` and ``frames`` can decide about a camera, by the camera's share.
 
     ``calls`` are those of a policy that repeats its answers. ``said`` has ``same`` (such a policy,
@@ -477,7 +477,7 @@ def power(
     is all. Whether a camera is used is simulated on these frames alone.
     """
     told, of = (frames, episodes) if matched is None else matched
-    kinds = {"same": Setting(), "drawn": Setting(noise=0.25, answers=4)}
+    kinds = {"same": PolicySetting(), "drawn": PolicySetting(noise=0.25, answers=4)}
     said: dict[str, dict[str, tuple[float, float]]] = {}
     for kind, base in kinds.items():
         for share in SHARES:
@@ -492,7 +492,7 @@ def power(
     return PolicyPower(episodes, frames, calls, left_out, said, draws, told)
 
 
-def table(tried: Sequence[Tried]) -> Table:
+def table(tried: Sequence[LabelCounts]) -> Table:
     """Return a row per setting: how often each label was given, and the false one."""
     labels = list(dict.fromkeys(label for one in tried for label in sorted(one.labels) if "," not in label))
     rows = [

@@ -8,13 +8,13 @@ from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, channe
 from eyechart.conditions import EXCHANGED, OVER, available, by_reason
 from eyechart.conditions.policies import conditions_of, subset_conditions
 from eyechart.frames import FrameBank
-from eyechart.importing.notes import notes
+from eyechart.importing.log_warnings import notes
 from eyechart.report.table import Table, of_lines
-from eyechart.stats.guarantees import share_bound
 from eyechart.stats.partners import NOBODY
-from eyechart.verdicts.axes import OF_DATA_SET, SURENESS
-from eyechart.verdicts.channels import AXES
-from eyechart.verdicts.uses import LEAST_EPISODES
+from eyechart.stats.risk_bounds import share_bound
+from eyechart.verdicts.policy_rules import OF_DATA_SET, SURENESS
+from eyechart.verdicts.policy_verdict import AXES
+from eyechart.verdicts.share_predicates import LEAST_EPISODES
 
 LEAST_GROUNDED = 7
 """The fewest episodes with which a test of a moved object can reach .01."""

@@ -11,9 +11,19 @@ import msgspec
 import numpy as np
 
 from eyechart import __version__, verdicts
-from eyechart.calibrate.early import MEASURED, count_rejections, sampled, stop_early
-from eyechart.calibrate.known import KNOWN, NULLS, Known, Shows, adversaries, answer_all, by_sight, deserved, is_false
-from eyechart.calibrate.tally import Calibration, Outcome, Ruled, Tried, called, tally
+from eyechart.calibrate.early_stops import MEASURED, count_rejections, sampled, stop_early
+from eyechart.calibrate.known_answers import (
+    KNOWN,
+    NULLS,
+    BankCapabilities,
+    KnownController,
+    adversaries,
+    answer_all,
+    by_sight,
+    deserved,
+    is_false,
+)
+from eyechart.calibrate.tally import AdversaryTrial, Calibration, ReplicationOutcome, RuleOutcome, called, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
 from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
@@ -24,12 +34,12 @@ from eyechart.processes import open_pool
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
-from eyechart.stats.resampling import holm
+from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
-from eyechart.studies.battery.calibrated import COUNTERFACTUAL_TESTS, Calibrated, Found
-from eyechart.studies.battery.published import Resampling
-from eyechart.studies.battery.scoring import statistics_of
+from eyechart.studies.battery.calibrated_statistics import COUNTERFACTUAL_TESTS, CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
 
 RESAMPLES = 999
 """Resamples of each permutation test; its level does not depend on their number."""
@@ -50,12 +60,12 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Made:
+class ReplicationResult:
     """The results of one task: an outcome per controller, and the default setting's trials."""
 
-    outcomes: list[Outcome]
+    outcomes: list[ReplicationOutcome]
     rejected: list[int]
-    tried: list[Tried]
+    tried: list[AdversaryTrial]
 
 
 def calibrate(
@@ -90,8 +100,12 @@ def calibrate(
 
 
 def _make(
-    tasks: Sequence[Task], processes: int, known: Mapping[Task, Made], keep: Path | None, progress: Progress | None
-) -> dict[Task, Made]:
+    tasks: Sequence[Task],
+    processes: int,
+    known: Mapping[Task, ReplicationResult],
+    keep: Path | None,
+    progress: Progress | None,
+) -> dict[Task, ReplicationResult]:
     """Return the known results of tasks and those made now, which are appended to ``keep``."""
     found, todo = dict(known), [task for task in tasks if task not in known]
     with ExitStack() as opened:
@@ -111,7 +125,7 @@ _JSON = msgspec.json.Encoder()
 KEPT = "eyechart-calibration-banks/1"
 
 
-def _kept(file: Path, seed: int) -> dict[Task, Made]:
+def _kept(file: Path, seed: int) -> dict[Task, ReplicationResult]:
     """Return the finished banks of a file; start the file if it is new, and cut off half a line."""
     head = _JSON.encode({"format": KEPT, "eyechart": __version__, "seed": seed}) + b"\n"
     try:
@@ -125,13 +139,13 @@ def _kept(file: Path, seed: int) -> dict[Task, Made]:
         whole = text[: text.rindex(b"\n") + 1]
         if whole != text:
             file.write_bytes(whole)
-        return dict(msgspec.json.decode(line, type=tuple[Task, Made]) for line in whole.splitlines()[1:])
+        return dict(msgspec.json.decode(line, type=tuple[Task, ReplicationResult]) for line in whole.splitlines()[1:])
     except (OSError, msgspec.MsgspecError) as error:
         raise SpecError(f"{file}: {error}") from None
 
 
 @contextmanager
-def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[Made]]:
+def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[ReplicationResult]]:
     """Yield the results of tasks in their order, from this process or several others."""
     if processes == 1:
         yield map(_whole, tasks)
@@ -140,10 +154,10 @@ def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[Made]]:
         yield pool.map(_whole, tasks)
 
 
-def _whole(task: Task) -> Made:
+def _whole(task: Task) -> ReplicationResult:
     """Return a task's outcomes and, in the default setting, early rejections and adversaries."""
     once = task.setting == "default"
-    return Made(replicate(task), rejections(task) if once else [], try_adversaries(task) if once else [])
+    return ReplicationResult(replicate(task), rejections(task) if once else [], try_adversaries(task) if once else [])
 
 
 def rejections(task: Task) -> list[int]:
@@ -153,14 +167,14 @@ def rejections(task: Task) -> list[int]:
     return count_rejections(world.frames, random.Random(key_seed(*key, "nulls")))  # noqa: S311 - no secret
 
 
-def try_adversaries(task: Task) -> list[Tried]:
+def try_adversaries(task: Task) -> list[AdversaryTrial]:
     """Return every adversary's labels on the bank of a task, asked in a run's stages."""
     key = ("calibrate", task.seed, task.setting, task.replication)
     world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
     how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
     found = []
     for name, one in adversaries().items():
-        known = Known(name, one.says, by_sight(one.decide), "", "", "")
+        known = KnownController(name, one.says, by_sight(one.decide), "", "", "")
         rng = random.Random(key_seed(*key, name))  # noqa: S311 - no secret
         answers = answers_of(known, SETTINGS[task.setting], world, rng)
         asked = staged(answers, how)
@@ -168,7 +182,7 @@ def try_adversaries(task: Task) -> list[Tried]:
         lateral = verdicts.lateral_rules(statistics, asked.directions())
         turns = verdicts.earns_lateral(statistics, lateral.label)
         label = verdicts.calibrated_rules(statistics, turns=turns)[0].label
-        found.append(Tried(name, label, lateral.label))
+        found.append(AdversaryTrial(name, label, lateral.label))
     return found
 
 
@@ -178,14 +192,14 @@ def staged(answers: Answers, how: Resampling) -> Answers:
     answers = sampled(answers, how.seed)
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in asked})
-        found = Found(Calibrated(part, how))
+        found = CalibratedStatistics(CalibratedTests(part, how))
         more = verdicts.controls_wanted(found, supplied=CONTROLS, asked=asked)
         if not more:
             return part
         asked += [name for name in more if name in answers.decisions]
 
 
-def replicate(task: Task) -> list[Outcome]:
+def replicate(task: Task) -> list[ReplicationOutcome]:
     """Draw a task's bank; return the labels of every known controller by both sets of rules."""
     setting = SETTINGS[task.setting]
     key = ("calibrate", task.seed, task.setting, task.replication)
@@ -206,7 +220,7 @@ def replicate(task: Task) -> list[Outcome]:
     ]
 
 
-def answers_of(known: Known, setting: Setting, world: World, rng: random.Random) -> Answers:
+def answers_of(known: KnownController, setting: Setting, world: World, rng: random.Random) -> Answers:
     """Return a controller's answers in a world, read from replies as in a run."""
 
     @cache
@@ -224,25 +238,25 @@ def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) ->
     """Return the statistics of the same answers on a bank without counterfactual pictures."""
     kept = {name: column for name, column in answers.decisions.items() if name not in DRAWN}
     missing = cannot_say("the bank has no counterfactual pictures")
-    bare = Calibrated(replace(answers, decisions=kept), Resampling()).tests()
+    bare = CalibratedTests(replace(answers, decisions=kept), Resampling()).tests()
     of_all = {name: bare[name]() for name in ("kappa_pooled", "turns_boxed")}
     return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), **of_all}
 
 
 def _outcome(
-    known: Known,
+    known: KnownController,
     setting: Setting,
     given: tuple[Answers, Answers],
     found: Mapping[str, Statistic],
     corrected: float | None,
     order: int,
-) -> Outcome:
+) -> ReplicationOutcome:
     """Return a controller's labels from its answers: all that it can give, and those of a run."""
     every, answers = given
     lateral = verdicts.lateral_rules(found, answers.directions()).label
     rulings, early = [], []
     for counterfactuals in (True, False):
-        shows = Shows(
+        shows = BankCapabilities(
             counterfactuals=counterfactuals,
             exchanges=setting.exchanges,
             scenarios=len(set(answers.scenarios.tolist())),
@@ -250,11 +264,11 @@ def _outcome(
         )
         statistics = found if counterfactuals else without_counterfactuals(answers, found)
         label = verdicts.calibrated_rules(statistics, turns=verdicts.earns_lateral(statistics, lateral))[0].label
-        rulings.append(Ruled(label, deserved(known, shows), is_false(label, known.name, varied=shows.varied)))
+        rulings.append(RuleOutcome(label, deserved(known, shows), is_false(label, known.name, varied=shows.varied)))
         if setting.name in MEASURED:
             how = {"counterfactuals": counterfactuals, "varied": shows.varied}
             early.append(stop_early(every, label, lateral, seed=order, **how))
-    return Outcome(
+    return ReplicationOutcome(
         controller=known.name,
         paper=verdicts.paper_rules(found, {"cramers_v": corrected}).label,
         rulings=(rulings[0], rulings[1]),

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from eyechart.calibrate import early
-from eyechart.calibrate.early import EQUAL, SAVERS, mean_saved
-from eyechart.calibrate.known import KNOWN, NULLS, adversaries
+from eyechart.calibrate import early_stops
+from eyechart.calibrate.early_stops import EQUAL, SAVERS, mean_saved
+from eyechart.calibrate.known_answers import KNOWN, NULLS, adversaries
 from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.stats.agreement import clopper_pearson, rate
@@ -151,8 +151,8 @@ def _stopped_elsewhere(found: Calibration) -> str:
 def _ever(found: Calibration) -> str:
     """Return how often each null of early stopping was ever rejected."""
     rows = []
-    n = early.DRAWS * found.replications
-    for null, count in zip(early.NULLS, found.ever, strict=False):
+    n = early_stops.DRAWS * found.replications
+    for null, count in zip(early_stops.NULLS, found.ever, strict=False):
         low, high = clopper_pearson(count, n)
         rows.append((null.claim, null.says, f"{count / n:.4f} [{low:.4f}, {high:.4f}] of {n}"))
     title = "Stopping early: share of whole runs in which a true null is ever rejected, with Clopper-Pearson's interval"
@@ -177,6 +177,6 @@ def _targets(found: Calibration) -> str:
     if found.early:
         least = ", ".join(f"{share} for {name}" for name, share in SAVERS.items())
         says += f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls"
-        says += f" saved with counterfactuals at least {least}, no null rejected above {early.EVER}."
+        says += f" saved with counterfactuals at least {least}, no null rejected above {early_stops.EVER}."
     misses = found.misses()
     return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])

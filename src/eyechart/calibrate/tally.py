@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from eyechart.calibrate import early as stopping
-from eyechart.calibrate.early import Early, Sums
-from eyechart.calibrate.known import KNOWN, NULLS, adversaries, is_false
+from eyechart.calibrate import early_stops as stopping
+from eyechart.calibrate.early_stops import EarlyStopOutcome, Sums
+from eyechart.calibrate.known_answers import KNOWN, NULLS, adversaries, is_false
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.records import picked
@@ -64,7 +64,7 @@ STRICT_FROM = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Ruled:
+class RuleOutcome:
     """The calibrated label that was given, the deserved one, and whether the given one is false."""
 
     label: str
@@ -73,7 +73,7 @@ class Ruled:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ReplicationOutcome:
     """One controller's result in one replication: both sets of rules, and the p of every test.
 
     ``rulings`` and ``early`` are in the order of `VARIANTS`; ``early`` is empty if it was not
@@ -82,14 +82,14 @@ class Outcome:
 
     controller: str
     paper: str
-    rulings: tuple[Ruled, Ruled]
+    rulings: tuple[RuleOutcome, RuleOutcome]
     lateral: str
     p_values: Mapping[str, float | None]
-    early: tuple[Early, ...] = ()
+    early: tuple[EarlyStopOutcome, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class AdversaryTrial:
     """One adversary's labels on one bank."""
 
     adversary: str
@@ -309,7 +309,7 @@ def read_calibration(raw: Mapping[str, Any]) -> Calibration:
     return Calibration(settings=tuple(raw["settings"]), tests=tests, **counts)
 
 
-def called(tried: Iterable[Tried]) -> dict[str, dict[str, int]]:
+def called(tried: Iterable[AdversaryTrial]) -> dict[str, dict[str, int]]:
     """Return the counts of each adversary's labels."""
     found: dict[str, Counter[str]] = {}
     for one in tried:
@@ -326,7 +326,7 @@ def _plain(share: Statistic) -> dict[str, object]:
 
 
 def tally(
-    found: Iterable[tuple[str, Sequence[Outcome]]],
+    found: Iterable[tuple[str, Sequence[ReplicationOutcome]]],
     *,
     settings: tuple[str, ...],
     replications: int,
@@ -334,15 +334,15 @@ def tally(
     resamples: int,
 ) -> Calibration:
     """Count the outcomes of every setting, in any order."""
-    by: dict[str, dict[str, list[Outcome]]] = {s: {name: [] for name in KNOWN} for s in settings}
+    by: dict[str, dict[str, list[ReplicationOutcome]]] = {s: {name: [] for name in KNOWN} for s in settings}
     for setting, outcomes in found:
         for one in outcomes:
             by[setting][one.controller].append(one)
 
-    def each(says: Callable[[Outcome], str]) -> dict[str, dict[str, dict[str, int]]]:
+    def each(says: Callable[[ReplicationOutcome], str]) -> dict[str, dict[str, dict[str, int]]]:
         return {s: {name: _counts(map(says, ones)) for name, ones in of.items()} for s, of in by.items()}
 
-    def ruled(keep: Callable[[Ruled], bool]) -> dict[str, dict[str, dict[str, dict[str, int]]]]:
+    def ruled(keep: Callable[[RuleOutcome], bool]) -> dict[str, dict[str, dict[str, dict[str, int]]]]:
         return {
             s: {v: {name: _labels(ones, v, keep) for name, ones in of.items()} for v in VARIANTS}
             for s, of in by.items()
@@ -370,7 +370,9 @@ def tally(
     )
 
 
-def _labels(outcomes: Sequence[Outcome], variant: str, keep: Callable[[Ruled], bool]) -> dict[str, int]:
+def _labels(
+    outcomes: Sequence[ReplicationOutcome], variant: str, keep: Callable[[RuleOutcome], bool]
+) -> dict[str, int]:
     ruled = (one.rulings[VARIANTS.index(variant)] for one in outcomes)
     return _counts(one.label for one in ruled if keep(one))
 
@@ -379,13 +381,13 @@ def _counts(words: Iterable[str]) -> dict[str, int]:
     return dict(sorted(Counter(words).items()))
 
 
-def _rejected(outcomes: Sequence[Outcome], test: str) -> tuple[int, int]:
+def _rejected(outcomes: Sequence[ReplicationOutcome], test: str) -> tuple[int, int]:
     """Return how often a test was made, and how often it rejected."""
     ps = [p for one in outcomes if (p := one.p_values.get(test)) is not None]
     return len(ps), sum(p < NULLS[test][0] for p in ps)
 
 
-def _stops(by: Mapping[str, Sequence[Outcome]]) -> dict[str, dict[str, Sums]]:
+def _stops(by: Mapping[str, Sequence[ReplicationOutcome]]) -> dict[str, dict[str, Sums]]:
     """Return the effects of early stopping by variant and controller, where measured."""
     found: dict[str, dict[str, Sums]] = {}
     for name, outcomes in by.items():

@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from eyechart.conditions import ABSENT, AGAIN, RANGED
 from eyechart.frames import EXCHANGE, LEAD, MAIN, Frame, Scalar, Span, alone, draws_of
-from eyechart.models.scripted import Sight
-from eyechart.perception.renderer import Reading
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
+from eyechart.models.scripted import PerceivedPicture
+from eyechart.perception.renderer import HighwayReading
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle, Scene
 
 Episode = tuple[str, int]
 """An episode's scenario, and its number of frames."""
 
 
 @dataclass(frozen=True, slots=True)
-class Road:
+class ScenarioRoad:
     """The content of a scenario's pictures: lanes, a ramp, and the median gap in metres."""
 
     lanes: int
@@ -31,11 +31,11 @@ class Road:
     median_gap_m: float
 
 
-ROADS: Mapping[str, Road] = {
-    "light": Road(4, False, 26.0),
-    "dense": Road(3, False, 19.0),
-    "merge": Road(3, True, 15.0),
-    "blocked": Road(2, False, 12.0),
+ROADS: Mapping[str, ScenarioRoad] = {
+    "light": ScenarioRoad(4, False, 26.0),
+    "dense": ScenarioRoad(3, False, 19.0),
+    "merge": ScenarioRoad(3, True, 15.0),
+    "blocked": ScenarioRoad(2, False, 12.0),
 }
 """The scenarios; their gaps differ, so knowing the scenario looks like reading the distance."""
 
@@ -115,14 +115,18 @@ SPAN: Span = (NEAREST_M, FAR_M[1])
 LANE_M = 4.0
 """A lane's width in metres."""
 
-NO_PICTURE, UNIFORM, NOISE = Sight("no_picture", None), Sight("uniform", None), Sight("unknown", None)
+NO_PICTURE, UNIFORM, NOISE = (
+    PerceivedPicture("no_picture", None),
+    PerceivedPicture("uniform", None),
+    PerceivedPicture("unknown", None),
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class SimulatedView:
     """The stimulus of one frame: the sight, and the passed share of its episode, if any."""
 
-    sight: Sight
+    sight: PerceivedPicture
     passed: float | None
 
 
@@ -132,7 +136,7 @@ class World:
 
     frames: tuple[Frame, ...]
     passed: tuple[float, ...]
-    shown: Mapping[str, tuple[Shown | None, ...]]
+    shown: Mapping[str, tuple[SimulatedView | None, ...]]
 
 
 def make_world(setting: Setting, rng: np.random.Generator) -> World:
@@ -140,7 +144,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
     episodes = setting.draw(rng)
     frames: list[Frame] = []
     passed: list[float] = []
-    readings: list[Reading] = []
+    readings: list[HighwayReading] = []
     apart, anew = rng.spawn(2)  # separate streams for later additions keep older draws as they were
     for number, episode in enumerate(episodes):
         scenario, length = episode
@@ -163,7 +167,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
             frames.append(Frame(*place, alone("vertical"), {MAIN: "-"}, truth, strata=strata))
             passed.append(step / length)
             others = _others(scene, apart)
-            readings.append(Reading(scene, "green", road.lanes, lane, others, float(phases[step]), road.ramp))
+            readings.append(HighwayReading(scene, "green", road.lanes, lane, others, float(phases[step]), road.ramp))
     shown = _shown(frames, passed, readings, rng)
     if setting.lowest:
         shown["lead_near"] = _on_road([_moved(one, NEAREST_M) for one in readings], passed)
@@ -175,22 +179,24 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
     return World(tuple(frames), tuple(passed), filed)
 
 
-def _others(scene: Scene, rng: np.random.Generator) -> tuple[Other, ...]:
+def _others(scene: Scene, rng: np.random.Generator) -> tuple[OtherVehicle, ...]:
     """Return the vehicles on the road: the lead, those that block a side, and some farther away."""
-    found = [] if scene.gap_m is None else [Other(scene.gap_m, 0.0)]
+    found = [] if scene.gap_m is None else [OtherVehicle(scene.gap_m, 0.0)]
     for clear, aside in ((scene.left_clear, -LANE_M), (scene.right_clear, LANE_M)):
         place, far, seen = rng.uniform(-10.0, 38.0), rng.uniform(43.0, 76.0), rng.uniform() < 1 / 2
         if not clear:
-            found.append(Other(float(place), aside))
+            found.append(OtherVehicle(float(place), aside))
         elif seen:
-            found.append(Other(float(far), aside))
+            found.append(OtherVehicle(float(far), aside))
     return tuple(sorted(found))
 
 
-def _filed(name: str, column: Sequence[Shown | None], frames: Sequence[Frame]) -> tuple[Shown | None, ...]:
+def _filed(
+    name: str, column: Sequence[SimulatedView | None], frames: Sequence[Frame]
+) -> tuple[SimulatedView | None, ...]:
     """Return the content with stand-ins for files: one per picture, one for all blank ones."""
 
-    def file(shown: Shown, frame: Frame) -> bytes:
+    def file(shown: SimulatedView, frame: Frame) -> bytes:
         if shown.sight.kind in {"uniform", "no_picture"}:
             return shown.sight.kind.encode()
         return f"{frame.id}/{name}".encode()
@@ -203,14 +209,14 @@ def _filed(name: str, column: Sequence[Shown | None], frames: Sequence[Frame]) -
 
 def _ranged(
     frames: Sequence[Frame],
-    shown: Mapping[str, Sequence[Shown | None]],
-    readings: Sequence[Reading],
+    shown: Mapping[str, Sequence[SimulatedView | None]],
+    readings: Sequence[HighwayReading],
     rng: np.random.Generator,
-) -> tuple[list[Frame], dict[str, list[Reading | None]]]:
+) -> tuple[list[Frame], dict[str, list[HighwayReading | None]]]:
     """Return the frames with distances over the whole range, and their control pictures."""
     there = [frame.id for frame, one in zip(frames, readings, strict=True) if one.scene.gap_m is not None]
     draws = draws_of(int(rng.integers(2**63)), SPAN, there)
-    found, columns = [], {name: list[Reading | None]() for name in RANGED}
+    found, columns = [], {name: list[HighwayReading | None]() for name in RANGED}
     ends = {name: _gaps_shown(shown[name]) for name in ("lead_near", "lead_far")}
     for number, (frame, one) in enumerate(zip(frames, readings, strict=True)):
         if frame.id not in draws:
@@ -228,9 +234,13 @@ def _ranged(
     return found, columns
 
 
-def _at(one: Reading, lead_m: float, exchange_m: float, rng: np.random.Generator) -> dict[str, Reading | None]:
+def _at(
+    one: HighwayReading, lead_m: float, exchange_m: float, rng: np.random.Generator
+) -> dict[str, HighwayReading | None]:
     """Return the control pictures of a frame with a lead, at its two distances of the range."""
-    beside = [other for other in one.others if other.aside_m] or [Other(FAR_M[1], float(rng.choice([-LANE_M, LANE_M])))]
+    beside = [other for other in one.others if other.aside_m] or [
+        OtherVehicle(FAR_M[1], float(rng.choice([-LANE_M, LANE_M])))
+    ]
     other, far, its_far = beside[int(rng.integers(len(beside)))], rng.uniform(*FAR_M), rng.uniform(*FAR_M)
     alone, own = _moved(one, lead_m), _exchanged(one, other, exchange_m, its_far)
     return {
@@ -243,16 +253,16 @@ def _at(one: Reading, lead_m: float, exchange_m: float, rng: np.random.Generator
     }
 
 
-def _gaps_shown(column: Sequence[Shown | None]) -> list[float | None]:
+def _gaps_shown(column: Sequence[SimulatedView | None]) -> list[float | None]:
     """Return the gap in each picture of a road; None without a lead or road."""
     readings = [None if one is None else one.sight.reading for one in column]
     return [None if one is None else one.scene.gap_m for one in readings]
 
 
-def _on_road(readings: Sequence[Reading | None], passed: Sequence[float]) -> tuple[Shown | None, ...]:
+def _on_road(readings: Sequence[HighwayReading | None], passed: Sequence[float]) -> tuple[SimulatedView | None, ...]:
     """Return pictures of roads with the passed share of the episode; None without a road."""
     pairs = zip(readings, passed, strict=True)
-    return tuple(None if one is None else Shown(Sight("road", one), time) for one, time in pairs)
+    return tuple(None if one is None else SimulatedView(PerceivedPicture("road", one), time) for one, time in pairs)
 
 
 def _gaps(episode: Episode, rng: np.random.Generator, *, ordered: bool) -> NDArray[np.float64]:
@@ -282,19 +292,19 @@ def _side(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def _shown(
-    frames: Sequence[Frame], passed: Sequence[float], readings: Sequence[Reading], rng: np.random.Generator
-) -> dict[str, tuple[Shown | None, ...]]:
+    frames: Sequence[Frame], passed: Sequence[float], readings: Sequence[HighwayReading], rng: np.random.Generator
+) -> dict[str, tuple[SimulatedView | None, ...]]:
     """Return each condition's content, without conditions that the bank cannot supply."""
     roads = [
-        Shown(Sight("road", one, f"{frame.id}/real".encode()), time)
+        SimulatedView(PerceivedPicture("road", one, f"{frame.id}/real".encode()), time)
         for frame, one, time in zip(frames, readings, passed, strict=True)
     ]
 
-    def all_of(sight: Sight) -> tuple[Shown, ...]:
-        return (Shown(sight, None),) * len(roads)
+    def all_of(sight: PerceivedPicture) -> tuple[SimulatedView, ...]:
+        return (SimulatedView(sight, None),) * len(roads)
 
     scenarios = np.array([frame.scenario for frame in frames])
-    shown: dict[str, tuple[Shown | None, ...]] = {
+    shown: dict[str, tuple[SimulatedView | None, ...]] = {
         "real": tuple(roads),
         "real_repeat": tuple(roads),
         "blank": all_of(UNIFORM),
@@ -312,10 +322,10 @@ def _shown(
     return shown | {ABSENT: _on_road(without, passed), "nudged": _on_road(readings, passed)}
 
 
-def _exchanged(reading: Reading, moved: Other, lead_m: float, beside_m: float) -> Reading:
+def _exchanged(reading: HighwayReading, moved: OtherVehicle, lead_m: float, beside_m: float) -> HighwayReading:
     """Return the reading with the lead at one distance and a neighbour at another."""
     kept = [one for one in reading.others if one != moved and one.aside_m]
-    others = (*kept, Other(lead_m, 0.0), Other(beside_m, moved.aside_m))
+    others = (*kept, OtherVehicle(lead_m, 0.0), OtherVehicle(beside_m, moved.aside_m))
     left, right = (
         not any(-CLEAR_BEHIND_M <= one.ahead_m <= CLEAR_AHEAD_M for one in others if one.aside_m == aside)
         for aside in (-LANE_M, LANE_M)
@@ -334,10 +344,10 @@ def _partners(scenarios: NDArray[np.str_], rng: np.random.Generator, *, same: bo
     return found
 
 
-def _moved(reading: Reading, gap_m: float | None) -> Reading | None:
+def _moved(reading: HighwayReading, gap_m: float | None) -> HighwayReading | None:
     """Return the reading with the lead at another gap or gone; None if there is no lead."""
     if reading.scene.gap_m is None:
         return None
-    lead = () if gap_m is None else (Other(gap_m, 0.0),)
+    lead = () if gap_m is None else (OtherVehicle(gap_m, 0.0),)
     others = tuple(sorted((*(one for one in reading.others if one.aside_m), *lead)))
     return replace(reading, scene=replace(reading.scene, gap_m=gap_m), others=others)

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart import __version__
-from eyechart.cli import bundle, demo, drive, elsewhere, frames, guardian, look, probe, run, score
-from eyechart.cli.help import Command, Commands, Group
+from eyechart.cli import answers, bundle, demo, drive, frames, guardian, look, probe, run, score
+from eyechart.cli.help import Command, CommandGroup, Commands
 from eyechart.cli.options import Json, from_one_folder
 from eyechart.cli.terminal import output_kept, print_json, print_line
 from eyechart.errors import SpecError, meant
@@ -123,11 +123,11 @@ def simulators(json: Json = False) -> None:
 app.command()(look.look)
 app.command()(probe.doctor)
 app.command()(probe.probe)
-frames.app.command()(elsewhere.export)
+frames.app.command()(answers.export)
 app.add_typer(frames.app, name="frames")
 for study in (run.prompts, drive.closed_loop, drive.hierarchy, run.admission, run.structured, drive.online, run.policy):
     run.app.command()(study)
-run.app.command("import")(elsewhere.import_)
+run.app.command("import")(answers.import_)
 app.add_typer(run.app, name="run")
 app.add_typer(listing, name="list")
 for command in (
@@ -138,7 +138,7 @@ for command in (
     app.command()(command)
 app.add_typer(guardian.app, name="guardian")
 for group in (listing, frames.app, guardian.app):
-    group.info.cls = Group
+    group.info.cls = CommandGroup
 for group in (app, listing, run.app, frames.app, guardian.app):
     for one in group.registered_commands:
         assert one.callback is not None

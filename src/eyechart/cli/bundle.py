@@ -39,7 +39,7 @@ def report(
     from eyechart.overview import holds_runs, make_index
     from eyechart.report.page import write_figures, write_page
     from eyechart.report.table import write_tables
-    from eyechart.studies import Reading, each_once, study_of
+    from eyechart.studies import ReadOptions, each_once, study_of
 
     require_free(out, "report")
     runs = each_once(runs)
@@ -52,7 +52,7 @@ def report(
         told = ", ".join(f"{run} of {one.runs_are}" for run, one in zip(runs, studies, strict=True))
         raise SpecError(f"a report needs runs of one kind ({told}): make one report for each kind")
     priced = None if prices is None else read_prices(prices)
-    reading = Reading(independent, reread, against, steps=read_steps(step, studies), prices=priced)
+    reading = ReadOptions(independent, reread, against, steps=read_steps(step, studies), prices=priced)
     with patience("report") as tell:
         if studies:
             made = studies[0].report(runs, frames or [], reading, tell)
@@ -98,13 +98,13 @@ def paper(
     """
     from eyechart.overview import find_runs, holds_runs
     from eyechart.paper import artefacts, write
-    from eyechart.studies import Reading
+    from eyechart.studies import ReadOptions
     from eyechart.studies.prompts import may_be_study
 
     several = {one for one in runs if holds_runs(one) and not may_be_study(one)}
     runs = [run for one in runs for run in (find_runs(one) if one in several else [one])]
     with patience("paper") as tell:
-        reading = Reading(independent, reread, against)
+        reading = ReadOptions(independent, reread, against)
         found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices, scores=scores)
         written = write(found, out)
     if json:
@@ -175,11 +175,11 @@ def validate(
     version or other drawing libraries.
     Example: eyechart validate run.zip
     """
-    from eyechart.bundle import Again
+    from eyechart.bundle import ReplayCheck
     from eyechart.bundle import validate as check
 
     with patience("validate") as tell:
-        found = check(file, tell=tell, again=Again(processes or processors(), sample, say))
+        found = check(file, tell=tell, again=ReplayCheck(processes or processors(), sample, say))
     if json:
         print_json(found.as_dict())
     else:

@@ -14,9 +14,9 @@ from eyechart.cli.terminal import patience, print_each, print_json, processors, 
 from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
-    from eyechart.episodes import Episodes
+    from eyechart.episodes import EpisodesRun
     from eyechart.modes import RequestMode
-    from eyechart.planned import Allowed
+    from eyechart.planned_run import RunAllowance
 
 _Simulator = Annotated[str, typer.Option(help="See 'eyechart list simulators'; or gym:ENV_ID.")]
 _Actions = Annotated[Path | None, typer.Option(help="FILE.toml: the action map of gym:ENV_ID.")]
@@ -68,7 +68,7 @@ def closed_loop(
     silence: Annotated[
         str, typer.Option(help="How a call that hangs or keeps failing counts: unfinished, or fail-safe (executed).")
     ] = "unfinished",
-    making: options.Driving = options.DRIVEN,
+    making: options.DriveOptions = options.DRIVEN,
     json: options.Json = False,
 ) -> None:
     """Let policies and models drive: policies × scenarios × seeds × conditions.
@@ -88,7 +88,7 @@ def closed_loop(
     if not making.dry_run:
         study.require_engine(engine)
 
-    def planned(drivers: "Sequence[str | RequestMode]") -> "Episodes":
+    def planned(drivers: "Sequence[str | RequestMode]") -> "EpisodesRun":
         shown = condition or study.usual_conditions(drivers, out)
         made = study.plan(
             study.Setup(simulator, seed, max_steps, actions, silence),
@@ -132,7 +132,7 @@ def hierarchy(
     silence: Annotated[
         str, typer.Option(help="How a call that hangs or keeps failing counts: fail-safe (STOP), or unfinished.")
     ] = "fail-safe",
-    making: options.Driving = options.DRIVEN,
+    making: options.DriveOptions = options.DRIVEN,
     json: options.Json = False,
 ) -> None:
     """Let sources of intent plan for a rover under a model-predictive controller.
@@ -147,7 +147,7 @@ def hierarchy(
     """
     from eyechart.studies.hierarchy import PARTS, Arms, plan, read_choice, score
     from eyechart.studies.hierarchy.study import Hierarchy
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
 
     choice = read_choice(sources, arms, worlds, None if seeds is None else _seeds(seeds))
 
@@ -177,8 +177,8 @@ def online(
         typer.Option("--reflections/--no-reflections", help="Ask about each reflection too: twice the calls."),
     ] = True,
     concurrency: options.Episodes = 8,
-    how: options.Options = options.AS_USUAL,
-    spending: options.Spending = options.NO_LIMIT,
+    how: options.RequestOptions = options.AS_USUAL,
+    spending: options.CostLimits = options.NO_LIMIT,
     dry_run: options.DryRun = False,
 ) -> None:
     """Let scene estimates drive through the safety policy, in vetted worlds.
@@ -192,16 +192,16 @@ def online(
     Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart.episodes import Setup
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
     from eyechart.studies.structured import online as study
 
     setup = Setup(simulator, seed, reflected=reflections)
 
-    def planned(modes: "Sequence[RequestMode]") -> study.Online:
+    def planned(modes: "Sequence[RequestMode]") -> study.OnlineRun:
         with resumable("no call was made yet; the same command starts anew"), progress("vetting", "worlds") as move:
             return study.plan(setup, modes, out, view=view, episodes=episodes, progress=move)
 
-    def check(_: study.Online) -> None:
+    def check(_: study.OnlineRun) -> None:
         kept = "the drives are kept; the same command checks the rest"
         with resumable(kept), progress("checking", "episodes") as move:
             study.check_seen(out, move)
@@ -225,7 +225,7 @@ def ladder(
     prompt: _Prompt = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run, and of the random policy.")] = 0,
     processes: Annotated[int, typer.Option(min=1, help="Processes that hold the worlds.")] = 1,
-    making: options.Driving = options.DRIVEN,
+    making: options.DriveOptions = options.DRIVEN,
     against: options.Against = None,
     json: options.Json = False,
 ) -> None:
@@ -242,7 +242,7 @@ def ladder(
     from eyechart.studies.closed_loop.ladder import plan_ladder, require_reference
     from eyechart.studies.closed_loop.tables import beside_paper, ladder_printed
 
-    def planned(drivers: "Sequence[str | RequestMode]") -> "Episodes":
+    def planned(drivers: "Sequence[str | RequestMode]") -> "EpisodesRun":
         made = plan_ladder(
             out,
             simulator=simulator,
@@ -256,7 +256,7 @@ def ladder(
         require_reference(made, against)  # before any call or drive
         return made
 
-    def show(made: "Episodes") -> None:
+    def show(made: "EpisodesRun") -> None:
         if made.unfinished():
             return
         scored = score(out, against_policy=against)
@@ -318,7 +318,7 @@ def film(
     from eyechart.studies.battery.film import write_film as write_battery_film
     from eyechart.studies.closed_loop import read_drives
     from eyechart.studies.closed_loop.film import write_film
-    from eyechart.studies.closed_loop.replaying import episode_id, find_episode
+    from eyechart.studies.closed_loop.replay import episode_id, find_episode
 
     require_free(out, "film")
     require_drives([run])
@@ -340,27 +340,27 @@ def film(
 def _drive(
     policies: Sequence[str],
     modes: Sequence[Path] | None,
-    how: options.Options,
-    allowed: "Allowed",
+    how: options.RequestOptions,
+    allowed: "RunAllowance",
     out: Path,
-    plan: "Callable[[Sequence[str | RequestMode]], Episodes]",
+    plan: "Callable[[Sequence[str | RequestMode]], EpisodesRun]",
     done: str = "",
     *,
     alone: bool = True,
-    show: "Callable[[Episodes], object]",
+    show: "Callable[[EpisodesRun], object]",
 ) -> None:
     """Plan drives and make them; ``policies`` holds policies and models as they were given.
 
     ``alone`` says that the command has no other drivers.
     """
     from eyechart.policies import is_policy
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
 
     asked = options.read_modes([one for one in policies if ":" in one and not is_policy(one)], modes, how.given())
     names = list(dict.fromkeys([*policies, *(mode.spec for mode in asked.modes)]))
     models = {mode.spec for mode in asked.modes}
 
-    def planned(modes: "Sequence[RequestMode]") -> "Episodes":
+    def planned(modes: "Sequence[RequestMode]") -> "EpisodesRun":
         by_spec = {mode.spec: mode for mode in modes}
         return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models])
 
@@ -392,7 +392,7 @@ def _seeds(given: str) -> list[int]:
     return list(range(numbers[0]))
 
 
-def _show(planned: "Episodes", *, json: bool) -> None:
+def _show(planned: "EpisodesRun", *, json: bool) -> None:
     """Print means over episodes for each policy and condition, as JSON or as a table."""
     from eyechart.episodes import summarise, unfinished
 

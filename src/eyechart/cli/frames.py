@@ -12,8 +12,8 @@ from eyechart.errors import SpecError, counted, perhaps
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
-    from eyechart.frames import MirrorAxis, Shared
-    from eyechart.importing import Ahead, Choices, Convert
+    from eyechart.frames import MirrorAxis, SharedFrames
+    from eyechart.importing import Choices, Convert, Horizon
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
 
@@ -64,7 +64,7 @@ def build(
 
 def _add_to(root: Path, out: Path | None) -> None:
     """Add the missing pictures to a bank or its copy, and say how many."""
-    from eyechart.simulators.adding import add_missing
+    from eyechart.simulators.additions import add_missing
 
     with progress("frames", "frames") as move:
         bank, count = add_missing(root, out, move)
@@ -73,7 +73,7 @@ def _add_to(root: Path, out: Path | None) -> None:
 
 
 @dataclass(frozen=True)
-class Described:
+class SourceDescription:
     """The description of a bank's pictures; `FORMATS` says which options a format takes."""
 
     table: Annotated[Path | None, typer.Option(help="CSV, JSON lines or Parquet, one row per picture.")] = None
@@ -190,9 +190,9 @@ class Described:
         """Return the options that only some formats take."""
         return {"table": self.table, "camera": self.camera, "ahead": self._ahead()}
 
-    def _ahead(self) -> "Ahead | None":
+    def _ahead(self) -> "Horizon | None":
         """Return what makes a data set's bank for policies; None without a horizon."""
-        from eyechart.importing import Ahead
+        from eyechart.importing import Horizon
         from eyechart.spaces.motion import read_kind
 
         named = {"--kind": self.kind, "--state": self.state, "--action": self.action}
@@ -200,10 +200,10 @@ class Described:
             raise SpecError(f"{given[0]} describes the motions of --horizon: give --horizon too")
         if self.horizon is None:
             return None
-        return Ahead(self.horizon, read_kind(self.kind), _names(self.state), _names(self.action))
+        return Horizon(self.horizon, read_kind(self.kind), _names(self.state), _names(self.action))
 
 
-_UNDESCRIBED = Described()
+_UNDESCRIBED = SourceDescription()
 
 
 def _names(words: str) -> tuple[str, ...]:
@@ -224,7 +224,7 @@ def import_(
         Path, typer.Argument(help=f"Folder of {', or of '.join(one.folder for one in FORMATS.values())}.")
     ],
     out: Annotated[Path, typer.Option(help="Folder of the new bank.")],
-    described: Described = _UNDESCRIBED,
+    described: SourceDescription = _UNDESCRIBED,
 ) -> None:
     """Make a bank of your own pictures.
 
@@ -283,13 +283,13 @@ def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
     from eyechart.conditions import undrawn_controls
     from eyechart.conditions.policies import unshown_channels
     from eyechart.frames import open_bank
-    from eyechart.importing.notes import notes
+    from eyechart.importing.log_warnings import notes
 
     bank = open_bank(folder)
     return undrawn_controls(bank), {} if bank.manifest.motion is None else unshown_channels(bank), notes(bank)
 
 
-def _shared_words(both: "Shared") -> list[str]:
+def _shared_words(both: "SharedFrames") -> list[str]:
     """Return in words how many frames two banks share, and how far their ground truth differs."""
     (one, other), count, names = both.sizes, len(both.frames), list(both.unlike)
     if not count:

@@ -13,8 +13,8 @@ from eyechart.errors import BankError, GuardianError, VoteError, perhaps, raisin
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eyechart.stats.committee import Costs, Point
-    from eyechart.studies.guardian import Frozen, VoteTable
+    from eyechart.stats.committee_votes import Costs, Point
+    from eyechart.studies.guardian import FrozenGuardian, VoteTable
 
 app = typer.Typer(
     name="guardian",
@@ -33,11 +33,11 @@ _Guardian = Annotated[Path, typer.Argument(help="File of a guardian, as 'fit' wr
 _Frames = Annotated[Path | None, typer.Option(help="The bank; its truth and episodes are then used.")]
 _Size = Annotated[int, typer.Option(help="Number of models in the committee, 1 to 4.")]
 _Models = Annotated[list[str] | None, typer.Option("--model", help="Choose only among these models; repeat it.")]
-_Unseen = Annotated[bool, typer.Option("--unseen", help="Leave out the frames that chose the guardian.")]
+_UnseenOnly = Annotated[bool, typer.Option("--unseen", help="Leave out the frames that chose the guardian.")]
 
 
 @dataclass(frozen=True)
-class HowTold:
+class VoteSource:
     """Options that say how votes were made and how their frames are labelled."""
 
     hazard: Annotated[
@@ -85,7 +85,7 @@ class HowTold:
 
 
 @dataclass(frozen=True)
-class Costing:
+class CostOptions:
     """Costs of a wrong answer and of an abstention, in any unit."""
 
     cost_miss: Annotated[float | None, typer.Option(help="Cost of a miss; with --cost-false-alarm.")] = None
@@ -99,7 +99,7 @@ class Costing:
 
     def made(self) -> "Costs | None":
         """Return the costs, or None; raises GuardianError if some are missing."""
-        from eyechart.stats.committee import Costs
+        from eyechart.stats.committee_votes import Costs
 
         if (self.cost_miss, self.cost_false_alarm, self.cost_abstain, self.hazard_rate) == (None,) * 4:
             return None
@@ -111,7 +111,7 @@ class Costing:
             raise GuardianError(str(error)) from error
 
 
-AS_TOLD, NO_COSTS = HowTold(), Costing()
+AS_TOLD, NO_COSTS = VoteSource(), CostOptions()
 
 
 @app.command()
@@ -121,11 +121,11 @@ def fit(
     out: Annotated[Path, typer.Option(help="File to write, guardian.json.")],
     calibration: Annotated[Path | None, typer.Option(help="Text file of frame ids, one a line.")] = None,
     frames: _Frames = None,
-    how: HowTold = AS_TOLD,
+    how: VoteSource = AS_TOLD,
     size: _Size = 2,
     models: _Models = None,
     point: Annotated[str | None, typer.Option(help="two_way (default), abstain or unanimous.")] = None,
-    costing: Costing = NO_COSTS,
+    costing: CostOptions = NO_COSTS,
     json: Json = False,
 ) -> None:
     """Choose committee and threshold on calibration frames alone, and freeze them.
@@ -162,7 +162,7 @@ def fit(
 def score(
     guardian: _Guardian,
     votes: _Votes,
-    unseen: _Unseen = False,
+    unseen: _UnseenOnly = False,
     bound: Annotated[Path | None, typer.Option(help="Votes on episodes that are used only for the bound.")] = None,
     bound_episodes: Annotated[
         str | None, typer.Option(help="Episodes of VOTES that are used only for the bound, with commas.")
@@ -173,7 +173,7 @@ def score(
         Path | None, typer.Option(help="Write a page with votes, curve and, with --frames, the missed hazards.")
     ] = None,
     frames: _Frames = None,
-    how: HowTold = AS_TOLD,
+    how: VoteSource = AS_TOLD,
     json: Json = False,
 ) -> None:
     """Score a guardian on frames that it never saw, and bound its miss rate.
@@ -224,10 +224,10 @@ def score(
 def nested(
     votes: _Votes,
     frames: _Frames = None,
-    how: HowTold = AS_TOLD,
+    how: VoteSource = AS_TOLD,
     size: _Size = 2,
     models: _Models = None,
-    costing: Costing = NO_COSTS,
+    costing: CostOptions = NO_COSTS,
     json: Json = False,
 ) -> None:
     """Judge every episode by a guardian chosen on all other episodes.
@@ -253,8 +253,8 @@ def modular(
     guardian: _Guardian,
     votes: _Votes,
     frames: Annotated[Path, typer.Option(help="The bank, with its pictures.")],
-    unseen: _Unseen = False,
-    how: HowTold = AS_TOLD,
+    unseen: _UnseenOnly = False,
+    how: VoteSource = AS_TOLD,
     json: Json = False,
 ) -> None:
     """Replay a guardian that brakes, while a deterministic picture reader handles the rest.
@@ -345,7 +345,7 @@ def serve(
 
     from eyechart.guardian import Guardian
     from eyechart.modes import read_mode
-    from eyechart.serve.life import serve as run
+    from eyechart.serve.lifecycle import serve as run
     from eyechart.serve.limits import ServerLimits
 
     modes = {one.spec: one for one in map(read_mode, mode or ())}
@@ -392,7 +392,9 @@ def _ids_of(path: Path) -> list[str]:
         return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
 
 
-def _left(table: "VoteTable", frozen: "Frozen", *, unseen: bool) -> "tuple[VoteTable, dict[str, object], list[str]]":
+def _left(
+    table: "VoteTable", frozen: "FrozenGuardian", *, unseen: bool
+) -> "tuple[VoteTable, dict[str, object], list[str]]":
     """Return the frames of a table that a guardian may be scored on.
 
     Also return how many frames were left out for each reason, as numbers and in words. Without
@@ -430,7 +432,7 @@ def _part(table: "VoteTable", name: str) -> "VoteTable":
 
 
 def _point(name: str | None) -> "Point | None":
-    from eyechart.stats.committee import POINTS
+    from eyechart.stats.committee_votes import POINTS
 
     if name is not None and name not in POINTS:
         raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'{perhaps(name, POINTS)}")

@@ -41,7 +41,7 @@ class Command(TyperCommand):
         _write(self.epilog, formatter)
 
 
-class Group(TyperGroup):
+class CommandGroup(TyperGroup):
     """A group of commands; the list shows each one's whole first sentence."""
 
     listed: ClassVar[Mapping[str, Sequence[str]]] = {}
@@ -56,7 +56,7 @@ class Group(TyperGroup):
                 formatter.write_dl(rows)
 
 
-class Commands(Group):
+class Commands(CommandGroup):
     """All commands; an interrupt outside a command prints one line and exits 130."""
 
     listed: ClassVar = GROUPS

@@ -12,7 +12,7 @@ from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, p
 from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
-    from eyechart.looking import Bill
+    from eyechart.looks import Bill
     from eyechart.modes import RequestMode
 
 
@@ -50,8 +50,8 @@ def look(
     Exit 0: Yes; 1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look
     scripted:depth
     """
-    from eyechart.looking import Pictures, Wanted, Watch, folder_name, spec_of
-    from eyechart.looking import look as looked
+    from eyechart.looks import LookRequest, Pictures, Watch, folder_name, spec_of
+    from eyechart.looks import look as looked
 
     if accept not in (None, "part"):
         raise SpecError(f"--accept takes only 'part', not '{accept}'")
@@ -59,7 +59,7 @@ def look(
     asked = _asked(spec_of(spec), mode, base_url)
     place = out or from_here(Path("looks") / folder_name(asked.spec))
     from_here(Path(f"{as_typed(str(place))}-2"))  # records the folder of a second try as typed, too
-    wanted = Wanted(
+    wanted = LookRequest(
         asked,
         pictures,
         place,

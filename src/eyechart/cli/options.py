@@ -14,9 +14,9 @@ from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode, Scalar
-    from eyechart.planned import Allowed
+    from eyechart.planned_run import RunAllowance
     from eyechart.studies import Study
-    from eyechart.studies.probed import Asked
+    from eyechart.studies.probes import RunModes
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 PriceFile = Annotated[Path | None, typer.Option(help="FILE.toml of prices, used before the built-in table.")]
@@ -38,7 +38,7 @@ Concurrency = Annotated[int, typer.Option(min=1, help="Concurrent calls per mode
 Episodes = Annotated[int, typer.Option(min=1, help="Concurrent episodes per model.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print the plan and make no call.")]
 DryDrive = Annotated[bool, typer.Option("--dry-run", help="Print the plan; make no drive and no call.")]
-Again = Annotated[bool, typer.Option("--again", help="Drive again what ended in an error.")]
+DriveAgain = Annotated[bool, typer.Option("--again", help="Drive again what ended in an error.")]
 AskAgain = Annotated[
     bool, typer.Option("--again", help="Retry calls that failed in transport (not refusals, not answers).")
 ]
@@ -65,14 +65,14 @@ AcceptLoss = Annotated[
 def accept(out: Path) -> None:
     """Accept the losses of a run's ledgers, and print each."""
     from eyechart.cli.terminal import say
-    from eyechart.studies.probed import accept_losses
+    from eyechart.studies.probes import accept_losses
 
     for ledger, lost in accept_losses(out):
         say(f"{lost.words} that were written to {ledger} are lost: the run continues without them")
 
 
 @dataclass(frozen=True)
-class Spending:
+class CostLimits:
     """What a run may spend, and whether it starts without a probe."""
 
     max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at this many requests in total.")] = None
@@ -96,21 +96,21 @@ class Spending:
         ),
     ] = None
 
-    def allowed(self, out: Path, *, dry_run: bool, **more: Any) -> "Allowed":  # noqa: ANN401 - those of Allowed
+    def allowed(self, out: Path, *, dry_run: bool, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of Allowed
         """Return what a command allows its run; the user's prices come before the built-in ones.
 
         If the command says so, it first accepts what the ledgers lost.
         """
         from eyechart.models.prices import read_prices
-        from eyechart.planned import Allowed
+        from eyechart.planned_run import RunAllowance
 
         if self.accept_loss and not dry_run:
             accept(out)
         given = {name: value for name, value in vars(self).items() if name not in {"prices", "accept_loss"}}
-        return Allowed(read_prices(self.prices), dry_run=dry_run, **given, **more)
+        return RunAllowance(read_prices(self.prices), dry_run=dry_run, **given, **more)
 
 
-NO_LIMIT = Spending()
+NO_LIMIT = CostLimits()
 
 
 _FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}
@@ -118,7 +118,7 @@ _FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "js
 
 
 @dataclass(frozen=True)
-class Addressing:
+class EndpointOptions:
     """The options that reach models without a mode file, also in studies of reply forms."""
 
     base_url: Annotated[str | None, typer.Option(help="Address of the server, as http://127.0.0.1:8000/v1.")] = None
@@ -158,54 +158,54 @@ class Addressing:
 
 
 @dataclass(frozen=True)
-class Options(Addressing):
+class RequestOptions(EndpointOptions):
     """How to ask models without a mode file."""
 
     max_tokens: Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")] = None
     json_mode: Annotated[str | None, typer.Option(help="none, json_object or json_schema.")] = None
 
 
-ADDRESSED = Addressing()
-AS_USUAL = Options()
+ADDRESSED = EndpointOptions()
+AS_USUAL = RequestOptions()
 
 
 @dataclass(frozen=True)
-class Making:
+class ModelRunOptions:
     """How a run asks its models, how many calls run at once, and what it may spend."""
 
     concurrency: Concurrency = 8
-    how: Options = AS_USUAL
-    spending: Spending = NO_LIMIT
+    how: RequestOptions = AS_USUAL
+    spending: CostLimits = NO_LIMIT
     again: AskAgain = False
     dry_run: DryRun = False
 
-    def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None) -> "Asked":
+    def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None) -> "RunModes":
         """Return the request modes of a command's models, as `read_modes` does."""
         return read_modes(specs, files, self.how.given())
 
-    def allowed(self, out: Path, **more: Any) -> "Allowed":  # noqa: ANN401 - those of Allowed
-        """Return what a command allows its run, as `Spending` does."""
+    def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of Allowed
+        """Return what a command allows its run, as `CostLimits` does."""
         at_once = {"concurrency": self.concurrency, "again": self.again}
         return self.spending.allowed(out, dry_run=self.dry_run, **at_once, **more)
 
 
 @dataclass(frozen=True)
-class MakingForms(Making):
-    """`Making` for a study that varies the form of replies."""
+class FormRunOptions(ModelRunOptions):
+    """`ModelRunOptions` for a study that varies the form of replies."""
 
-    how: Addressing = ADDRESSED  # type: ignore[assignment]
+    how: EndpointOptions = ADDRESSED  # type: ignore[assignment]
 
 
 @dataclass(frozen=True)
-class Driving(Making):
-    """`Making` for drives."""
+class DriveOptions(ModelRunOptions):
+    """`ModelRunOptions` for drives."""
 
     concurrency: Episodes = 8
-    again: Again = False
+    again: DriveAgain = False
     dry_run: DryDrive = False
 
 
-MADE, FORMS_MADE, DRIVEN = Making(), MakingForms(), Driving()
+MADE, FORMS_MADE, DRIVEN = ModelRunOptions(), FormRunOptions(), DriveOptions()
 
 
 def names(given: str | None) -> list[str] | None:
@@ -213,7 +213,7 @@ def names(given: str | None) -> list[str] | None:
     return None if given is None else [one.strip() for one in given.split(",")]
 
 
-def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> "Asked":
+def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> "RunModes":
     """Return the request modes of a command: from its files, and from options for all other SPECs.
 
     Raises SpecError if two files are for one model, or options would apply to no model.
@@ -221,7 +221,7 @@ def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given:
     from eyechart.cli.terminal import say
     from eyechart.models import find_mode
     from eyechart.modes import RequestMode
-    from eyechart.studies.probed import Asked
+    from eyechart.studies.probes import RunModes
 
     by_file: dict[str, RequestMode] = {}
     for file in files or ():
@@ -241,7 +241,7 @@ def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given:
             f"{', '.join(given)} would change no model: those with a --mode file are asked as the file says"
         )
     asked = {spec: mode_of(spec, given) for spec in rest}
-    return Asked([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
+    return RunModes([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
 
 
 def mode_of(spec: str, given: Mapping[str, object]) -> "RequestMode":

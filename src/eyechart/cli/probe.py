@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from eyechart.cli.options import AS_USUAL, Json, Options, PriceFile, expanded, mode_of, read_modes
+from eyechart.cli.options import AS_USUAL, Json, PriceFile, RequestOptions, expanded, mode_of, read_modes
 from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 
 if TYPE_CHECKING:
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from eyechart.models.prices import Prices
     from eyechart.modes import RequestMode
-    from eyechart.probe import Found, Sample
-    from eyechart.probe.asking import Asking
+    from eyechart.probe import ProbeResult, Sample
+    from eyechart.probe.asker import ProbeOptions
 
 _Spec = Annotated[
     str, typer.Argument(help="A model's SPEC, or its request mode: FILE.toml, or a name of 'eyechart list modes'.")
@@ -28,7 +28,7 @@ _MaxCost = Annotated[float | None, typer.Option(min=0, help="Stop at this many U
 def doctor(
     spec: _Spec,
     seed: _Seed = None,
-    how: Options = AS_USUAL,
+    how: RequestOptions = AS_USUAL,
     max_cost: _MaxCost = None,
     prices: PriceFile = None,
     frames: Annotated[
@@ -83,7 +83,7 @@ def probe(
     ] = None,
     prompt: Annotated[str, typer.Option(help="A prompt's name or FILE.toml; works without --frames too.")] = "baseline",
     seed: _Seed = None,
-    how: Options = AS_USUAL,
+    how: RequestOptions = AS_USUAL,
     max_cost: _MaxCost = None,
     prices: PriceFile = None,
     json: Json = False,
@@ -101,7 +101,7 @@ def probe(
     from eyechart.destination import require_free, whole
     from eyechart.models.prices import read_prices
     from eyechart.modes import write_mode
-    from eyechart.probe.pinning import MOST_CALLS
+    from eyechart.probe.mode_probe import MOST_CALLS
     from eyechart.report.accounts import probe_table
 
     given = how.given()
@@ -177,8 +177,8 @@ def probed(
     kept: str,
     *,
     seed: int | None = None,
-    **how: "Unpack[Asking]",
-) -> "Found":
+    **how: "Unpack[ProbeOptions]",
+) -> "ProbeResult":
     """Probe one model; print what a failed probe spent, and exit 3 at a limit.
 
     ``kept`` says what an interrupt leaves.
@@ -198,7 +198,7 @@ def probed(
         raise
 
 
-def words_of(found: "Found") -> list[str]:
+def words_of(found: "ProbeResult") -> list[str]:
     """Return a probe's findings and its calls in words."""
     outcome = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say whether it sees"}
     return [

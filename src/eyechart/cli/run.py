@@ -10,25 +10,25 @@ import typer
 from typer.main import get_command
 
 from eyechart.cli import options, probe
-from eyechart.cli.help import Command, Group
+from eyechart.cli.help import Command, CommandGroup
 from eyechart.cli.terminal import output_kept, progress, resumable, say
 from eyechart.errors import LedgerError, SpecError, counted, perhaps
 
 if TYPE_CHECKING:
-    from eyechart.limits import Spent
+    from eyechart.limits import Usage
     from eyechart.modes import RequestMode
-    from eyechart.planned import Allowed, Ending, Planned
-    from eyechart.probe import Found, ProbeError, Sample
-    from eyechart.probe.asking import Asking
+    from eyechart.planned_run import PlannedRun, RunAllowance, RunEnding
+    from eyechart.probe import ProbeError, ProbeResult, Sample
+    from eyechart.probe.asker import ProbeOptions
     from eyechart.studies.battery import Battery
     from eyechart.studies.policy import PolicyRun
-    from eyechart.studies.probed import Asked, Planner
+    from eyechart.studies.probes import Planner, RunModes
     from eyechart.studies.prompts import PromptStudy
 
-P = TypeVar("P", bound="Planned")
+P = TypeVar("P", bound="PlannedRun")
 
 
-class Kinds(Group):
+class RunKinds(CommandGroup):
     """The kinds of run; studies without an own command share one."""
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401 - they differ between versions of typer
@@ -48,7 +48,7 @@ class Kinds(Group):
         return get_command(alone)
 
 
-app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True, cls=Kinds)
+app = typer.Typer(help="Run a study: make its calls and append them to a ledger.", no_args_is_help=True, cls=RunKinds)
 
 View = Annotated[
     str | None, typer.Option(help="calibrated or none; default: calibrated if the pictures have such a view.")
@@ -87,7 +87,7 @@ def battery(
         bool,
         typer.Option("--fresh-controls", help="Draw the distances of the control pictures anew, only for this run."),
     ] = False,
-    making: options.Making = options.MADE,
+    making: options.ModelRunOptions = options.MADE,
 ) -> None:
     """Run the input-ablation battery; the same command resumes after an interrupt.
 
@@ -97,13 +97,13 @@ def battery(
     """
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
 
     asked_about = _with_fresh_controls(frames, out, shard, dry_run=making.dry_run) if fresh_controls else frames
 
     def planned(modes: "Sequence[RequestMode]") -> "Battery":
         part = None if shard is None else read_shard(shard)
-        extent, names = study.Extent(limit, part, stop_early, controls), options.names(conditions)
+        extent, names = study.BatterySelection(limit, part, stop_early, controls), options.names(conditions)
         return study.plan(asked_about, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
@@ -128,7 +128,7 @@ def prompts(
     ] = "real,blank",
     limit: Annotated[int, typer.Option(min=1, help="Frames per cell, the same in each.")] = 100,
     seed: options.Seed = 0,
-    making: options.MakingForms = options.FORMS_MADE,
+    making: options.FormRunOptions = options.FORMS_MADE,
 ) -> None:
     """Run the prompt study: diversity beside scene dependence (Table t:prompts).
 
@@ -142,7 +142,7 @@ def prompts(
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
 
     for one in json_mode or ():
         if one not in STRUCTURED:
@@ -175,7 +175,7 @@ def admission(
     mode: options.Mode = None,
     view: View = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the choice of pairs and the order of calls.")] = 0,
-    making: options.Making = options.MADE,
+    making: options.ModelRunOptions = options.MADE,
 ) -> None:
     """Ask for scene estimates of 16 balanced frame/mirror pairs, to check admission.
 
@@ -185,7 +185,7 @@ def admission(
     scripted:scene_side_blind --frames bank --out adm
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
 
     planner = Planner(lambda modes: study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed), [out])
     make(planner, making.asked(model, mode), making.allowed(out), _SCENES.format(out))
@@ -200,7 +200,7 @@ def structured(
     view: View = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the order of calls and of sampling.")] = 0,
     limit: options.Limit = None,
-    making: options.Making = options.MADE,
+    making: options.ModelRunOptions = options.MADE,
 ) -> None:
     """Ask for scene estimates of every frame and its reflection (Table t:controller-local).
 
@@ -211,7 +211,7 @@ def structured(
     scenes
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
 
     plan = partial(study.plan, study.STRUCTURED, view=view, seed=seed, limit=limit)
     planner = Planner(lambda modes: plan(frames, modes, out), [out])
@@ -227,7 +227,7 @@ def _study(
     mode: options.Mode = None,
     seed: options.Seed = 0,
     limit: options.Limit = None,
-    making: options.Making = options.MADE,
+    making: options.ModelRunOptions = options.MADE,
 ) -> None:
     """Ask models this study's question about every frame of a bank.
 
@@ -235,7 +235,7 @@ def _study(
     unfinished; 3: stopped at --max-calls or --max-cost.
     """
     from eyechart.studies import open_study
-    from eyechart.studies.probed import Planner
+    from eyechart.studies.probes import Planner
 
     study = open_study(str(ctx.info_name))
     planner = Planner(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
@@ -277,14 +277,14 @@ def policy(
     """
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
-    from eyechart.studies.probed import NOBODY, Planner
+    from eyechart.studies.probes import NOBODY, Planner
 
     def planned(_: "Sequence[RequestMode]") -> "PolicyRun":
-        extent = study.Extent(limit, None if shard is None else read_shard(shard), answers, shapley)
+        extent = study.PolicySelection(limit, None if shard is None else read_shard(shard), answers, shapley)
         asked = options.names(conditions)
         return study.plan(frames, policy or (), out, seed=seed, extent=extent, conditions=asked, timeout_s=timeout_s)
 
-    spending = options.Spending(max_calls, accept_loss=accept_loss)
+    spending = options.CostLimits(max_calls, accept_loss=accept_loss)
     allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
     make(Planner(planned, [out]), NOBODY, allowed, done)
@@ -295,8 +295,8 @@ _SCENES = "'eyechart score {}' prints the table, the clauses and every figure"
 
 def make(
     study: "Planner[P]",
-    asked: "Asked",
-    allowed: "Allowed",
+    asked: "RunModes",
+    allowed: "RunAllowance",
     done: str = "",
     *,
     fixed: Mapping[str, object] | None = None,
@@ -320,27 +320,27 @@ def make(
         say(f"done: {done}")
 
 
-def _end(end: "Ending") -> None:
+def _end(end: "RunEnding") -> None:
     say(*end.lines)
     if end.code:
         raise typer.Exit(end.code)
 
 
 def _probed(
-    study: "Planner[P]", asked: "Asked", allowed: "Allowed", fixed: Mapping[str, object]
+    study: "Planner[P]", asked: "RunModes", allowed: "RunAllowance", fixed: Mapping[str, object]
 ) -> "tuple[P, dict[str, str]]":
     """Plan a study with its models probed, and why some were left out; exit 1 without any."""
-    from eyechart.planned import unasked
+    from eyechart.planned_run import unasked
     from eyechart.probe import ProbeError
-    from eyechart.probe.pinning import MOST_CALLS
-    from eyechart.studies import probed
+    from eyechart.probe.mode_probe import MOST_CALLS
+    from eyechart.studies import probes
 
     def ask(
-        mode: "RequestMode", sample: "Sample", most: float | None, spend: "Callable[[Spent], None]"
-    ) -> "Found | ProbeError":
+        mode: "RequestMode", sample: "Sample", most: float | None, spend: "Callable[[Usage], None]"
+    ) -> "ProbeResult | ProbeError":
         say(f"{mode.spec} is probed first, in at most {MOST_CALLS} calls; --no-probe skips that")
         kept = "the probe's calls are counted; the same command probes again"
-        bounds: Asking = {"prices": allowed.prices, "max_cost": most, "spend": spend}
+        bounds: ProbeOptions = {"prices": allowed.prices, "max_cost": most, "spend": spend}
         try:
             found = probe.probed(mode, {**asked.given, **fixed}, sample, kept, **bounds)
         except ProbeError as error:
@@ -350,7 +350,7 @@ def _probed(
             say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
         return found
 
-    planned, failed = probed.plan_probed(study, asked, allowed, ask, say)
+    planned, failed = probes.plan_probed(study, asked, allowed, ask, say)
     if planned is None:
         _end(unasked(failed))
     assert planned is not None
@@ -370,14 +370,14 @@ def _bar(what: str, unit: str, also: Callable[[int, int], None]) -> "Iterator[Ca
 
 
 @contextmanager
-def _live_page(planned: "Planned", allowed: "Allowed") -> "Iterator[Callable[[int, int], None]]":
+def _live_page(planned: "PlannedRun", allowed: "RunAllowance") -> "Iterator[Callable[[int, int], None]]":
     """With --watch, serve a page that shows the run during the block; yield what moves its bar."""
     if not allowed.watch:
         yield lambda *_: None
         return
-    from eyechart.serve.live import Live, watched
+    from eyechart.serve.live import LiveRun, watched
 
-    live = Live(planned.out, allowed.prices, unit=planned.unit)
+    live = LiveRun(planned.out, allowed.prices, unit=planned.unit)
     words = "the page of this run is not served, and the run continues"
     with watched(
         live,

@@ -29,10 +29,10 @@ def score(
     By default these are the ones that decided the verdict, or were closest to it. --json says how
     each was found. Example: eyechart score run --all
     """
-    from eyechart.studies import Reading, Study, study_of
+    from eyechart.studies import ReadOptions, Study, study_of
 
     study = study_of(run, "score" if against is None else "score --against")
-    scored = study.score(run, Reading(independent, reread, against))
+    scored = study.score(run, ReadOptions(independent, reread, against))
     if json:
         print_json(scored.as_dict())
         return
@@ -43,10 +43,10 @@ def score(
 
 def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
     """Print every model's verdict and what decided it. Example: eyechart verdict run."""
-    from eyechart.studies import Reading, study_of
+    from eyechart.studies import ReadOptions, study_of
 
     study = study_of(run, "verdict")
-    scored = study.score(run, Reading(independent, reread))
+    scored = study.score(run, ReadOptions(independent, reread))
     if json:
         print_json(study.verdict_json(scored))
     else:
@@ -71,7 +71,7 @@ def costs(
     """
     from eyechart.models.prices import read_prices
     from eyechart.records import plain
-    from eyechart.studies import Reading, study_of
+    from eyechart.studies import ReadOptions, study_of
 
     study = study_of(run)
     if json:
@@ -85,7 +85,7 @@ def costs(
         return
     priced = read_prices(prices)
     took = study.took(run, priced)
-    each = study.deployment([run], Reading(prices=priced))
+    each = study.deployment([run], ReadOptions(prices=priced))
     lines = [] if took.accounts else ["no model was asked: policies and worlds take no calls"]
     lines += [f"the probe of {spec} before the run also took: {one.words}" for spec, one in took.probes.items()]
     for spec, found in took.guards.items():
@@ -129,14 +129,14 @@ def gate(
     """
     from eyechart.destination import require_free, whole
     from eyechart.gate import read_requirements
-    from eyechart.report.names import shortener
-    from eyechart.studies import Reading, study_of
+    from eyechart.report.short_names import shortener
+    from eyechart.studies import ReadOptions, study_of
 
     study = study_of(run, "gate")
     wanted = read_requirements(require or study.required, study.requirements)
     if junit is not None:
         require_free(junit, "JUnit file")
-    score = study.score(run, Reading(independent, reread))
+    score = study.score(run, ReadOptions(independent, reread))
     held = study.gate(
         score,
         wanted,
@@ -185,13 +185,13 @@ def compare(
 
     from eyechart.compare import compare as compared
     from eyechart.compare import frames_in_common
-    from eyechart.studies import Reading, study_of
+    from eyechart.studies import ReadOptions, study_of
 
     runs = [run for run in (first, second) if run is not None]
     study, *others = (study_of(run, "compare") for run in runs)
     if any(type(other) is not type(study) for other in others):
         raise SpecError(f"{first} and {second} are not runs of one kind")
-    reading = Reading(steps=read_steps(step, [study]))
+    reading = ReadOptions(steps=read_steps(step, [study]))
     scores = [study.score(run, reading) for run in runs]
     names = dict.fromkeys(name for run in runs for name in study.models(run))
     if (course := study.course(scores, reading)) is not None:
@@ -225,13 +225,13 @@ def transfer(
     Example: eyechart transfer run-highway drives-rover --scores perception.csv
     """
     from eyechart.report.table import number, p_value
-    from eyechart.studies import Reading, each_once, study_of
+    from eyechart.studies import ReadOptions, each_once, study_of
     from eyechart.transfer import read_scores
     from eyechart.transfer import transfer as correlated
 
     external, runs = read_scores(scores), each_once(runs)
     studies = [study_of(run, "transfer") for run in runs]
-    scored = [study.score(run, Reading()) for study, run in zip(studies, runs, strict=True)]
+    scored = [study.score(run, ReadOptions()) for study, run in zip(studies, runs, strict=True)]
     found = correlated(scored, external, measure=measure)
     if json:
         print_json(found.as_dict())

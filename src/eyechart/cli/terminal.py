@@ -296,7 +296,7 @@ def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *
     """Print tables and lines on standard output; long ``names`` are shortened, each uniquely."""
     from rich.text import Text
 
-    from eyechart.report.names import shortener
+    from eyechart.report.short_names import shortener
     from eyechart.report.table import Table
 
     console, short = table_console(width), shortener(names)

@@ -1,8 +1,9 @@
 """Closed-loop episodes: a policy or a model drives a simulator, decision by decision."""
 
-from eyechart.episodes.planning import (
+from eyechart.episodes.coordinator import Bounds
+from eyechart.episodes.plans import (
     ACTION_MAP,
-    Episodes,
+    EpisodesRun,
     drives_ended,
     errors_ended,
     expected,
@@ -17,16 +18,15 @@ from eyechart.episodes.records import (
     STUDY,
     Episode,
     EpisodeKey,
-    Row,
+    EpisodeMeans,
     Step,
-    Unfinished,
+    UnfinishedEpisodes,
     every_episode,
     read_episodes,
     summarise,
     unfinished,
     write_episodes,
 )
-from eyechart.episodes.running import Bounds
 from eyechart.episodes.worlds import Setup
 from eyechart.manifest import EPISODES, EpisodesManifest
 from eyechart.manifest import read_episodes_manifest as read_manifest
@@ -39,12 +39,12 @@ __all__ = [
     "Bounds",
     "Episode",
     "EpisodeKey",
-    "Episodes",
+    "EpisodeMeans",
     "EpisodesManifest",
-    "Row",
+    "EpisodesRun",
     "Setup",
     "Step",
-    "Unfinished",
+    "UnfinishedEpisodes",
     "drives_ended",
     "errors_ended",
     "every_episode",

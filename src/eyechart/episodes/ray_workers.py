@@ -6,7 +6,7 @@ import os
 from eyechart.episodes.workers import WorkerDiedError
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError, SpecError, raising
-from eyechart.loops import asyncio
+from eyechart.event_loops import asyncio
 
 
 class RayWorker:
@@ -22,7 +22,7 @@ class RayWorker:
         self.dead = False
         self._ray = ray
         self._turn = asyncio.Lock()
-        self._actor = ray.remote(num_cpus=0, max_restarts=0, scheduling_strategy="SPREAD")(_Answering).remote(setup)
+        self._actor = ray.remote(num_cpus=0, max_restarts=0, scheduling_strategy="SPREAD")(_WorldActor).remote(setup)
 
     async def ask(self, method: str, *given: object) -> object:
         """Call a method of the worlds; calls run one after another."""
@@ -42,7 +42,7 @@ class RayWorker:
         self._ray.kill(self._actor)
 
 
-class _Answering:
+class _WorldActor:
     """The worlds on a node, with a method that calls theirs."""
 
     def __init__(self, setup: Setup) -> None:

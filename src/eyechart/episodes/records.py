@@ -11,10 +11,10 @@ from typing import NoReturn
 from eyechart.calls import SILENT, CallKey
 from eyechart.errors import LedgerError, SpecError, raising, text_file
 from eyechart.frames import Scalar
-from eyechart.ledger import UNKNOWN, Ledger, Sent
+from eyechart.ledger import UNKNOWN, Ledger, SentAttempt
 from eyechart.manifest import EPISODES, LEDGER, RUN, EpisodesManifest, read_run
 from eyechart.policies.baselines import without
-from eyechart.records import Count, Name, Plain, build, parse_json, shown
+from eyechart.records import Count, JsonRecord, Name, build, parse_json, shown
 from eyechart.spaces.space import Decision
 
 STUDY = "closed_loop"
@@ -253,7 +253,7 @@ _DETAIL = 160
 
 
 @dataclass(frozen=True, slots=True)
-class Unfinished(Plain):
+class UnfinishedEpisodes(JsonRecord):
     """The episodes of one policy without a record, and the last errors of their calls.
 
     ``begun`` is the number with calls in the ledger, None for a policy without calls. ``errors``
@@ -282,13 +282,13 @@ class Unfinished(Plain):
         return f"{count}; the last errors of their calls: {kinds}{f', as: {self.detail}' if self.detail else ''}"
 
 
-def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> list[Unfinished]:
+def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> list[UnfinishedEpisodes]:
     """Return the episodes without a record by policy, in the order of their keys."""
     left: dict[str, set[tuple[str, str]]] = {}
     for key in keys:
         left.setdefault(key.policy, set()).add((key.world, key.condition))
     asked = {spec for spec in models if spec in left}
-    last: dict[str, dict[CallKey, Sent]] = {}
+    last: dict[str, dict[CallKey, SentAttempt]] = {}
     if asked:
         with Ledger(out / LEDGER, absent=True) as ledger:
             last = {spec: dict(_of(ledger.attempts(spec), left[spec])) for spec in asked}
@@ -310,16 +310,16 @@ def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
     )
 
 
-def _of(attempts: Iterable[Sent], left: set[tuple[str, str]]) -> Iterator[tuple[CallKey, Sent]]:
+def _of(attempts: Iterable[SentAttempt], left: set[tuple[str, str]]) -> Iterator[tuple[CallKey, SentAttempt]]:
     """Yield the attempts at calls of these worlds and conditions, a call's last attempt last."""
     for sent in attempts:
         if sent.key.study == STUDY and (sent.key.frame.rpartition("/")[0], sent.key.condition) in left:
             yield sent.key, sent
 
 
-def _told(policy: str, episodes: int, last: Mapping[CallKey, Sent] | None) -> Unfinished:
+def _told(policy: str, episodes: int, last: Mapping[CallKey, SentAttempt] | None) -> UnfinishedEpisodes:
     if last is None:
-        return Unfinished(policy, episodes, None, {})
+        return UnfinishedEpisodes(policy, episodes, None, {})
     begun = {(key.frame.rpartition("/")[0], key.condition) for key in last}
     kinds: Counter[str] = Counter()
     detail = ""
@@ -329,11 +329,11 @@ def _told(policy: str, episodes: int, last: Mapping[CallKey, Sent] | None) -> Un
         elif sent.reply.error is not None:
             kinds[sent.reply.error] += 1
             detail = " ".join(sent.reply.error_detail.split())[:_DETAIL]
-    return Unfinished(policy, episodes, len(begun), dict(kinds.most_common()), detail)
+    return UnfinishedEpisodes(policy, episodes, len(begun), dict(kinds.most_common()), detail)
 
 
 @dataclass(frozen=True, slots=True)
-class Row(Plain):
+class EpisodeMeans(JsonRecord):
     """Means over one policy's episodes under one condition, None without any value.
 
     ``episodes`` counts those that did not end in an error; ``errors`` count in no mean.
@@ -351,7 +351,7 @@ class Row(Plain):
     without_decision: float | None
 
 
-def summarise(episodes: Iterable[Episode]) -> list[Row]:
+def summarise(episodes: Iterable[Episode]) -> list[EpisodeMeans]:
     """Return the rows in order of the first episode of a policy and a condition."""
     groups: dict[tuple[str, str], list[Episode]] = {}
     for episode in episodes:
@@ -359,10 +359,10 @@ def summarise(episodes: Iterable[Episode]) -> list[Row]:
     return [_row(*names, group) for names, group in groups.items()]
 
 
-def _row(policy: str, condition: str, group: list[Episode]) -> Row:
+def _row(policy: str, condition: str, group: list[Episode]) -> EpisodeMeans:
     good = [one for one in group if one.ended != "error"]
     steps = [step for one in good for step in one.steps]
-    return Row(
+    return EpisodeMeans(
         policy=policy,
         condition=condition,
         episodes=len(good),

@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 
 from eyechart.calls import CallKey
-from eyechart.episodes.planning import ACTION_MAP, PATIENCE_S
+from eyechart.episodes.coordinator import Bounds, Drivers, Progress, RecordedModel, calls_of, drive_again
+from eyechart.episodes.plans import ACTION_MAP, PATIENCE_S
 from eyechart.episodes.records import SILENCES, Episode, EpisodeKey, Step
-from eyechart.episodes.running import Bounds, Drivers, Progress, Recorded, calls_of, drive_again
 from eyechart.episodes.workers import LocalWorker
 from eyechart.episodes.worlds import Setup
 from eyechart.errors import SpecError
@@ -57,7 +57,7 @@ class Mismatch:
 
 
 @dataclass
-class Repeats:
+class ReplayDifferences:
     """The result of a replay: mismatches, changed requests, and episodes without a replay.
 
     ``requests`` is the number of compared requests. ``states`` are pairs of exact digests at the
@@ -111,7 +111,7 @@ def repeat(
     exact: bool,
     processes: int = 1,
     progress: Progress | None = None,
-) -> Repeats:
+) -> ReplayDifferences:
     """Drive recorded episodes again and return the differences, without calls or files.
 
     ``exact`` compares every field, and the rounded state after each step by its digest. Otherwise
@@ -123,7 +123,7 @@ def repeat(
         raise SpecError(why)
     drivers = _drivers(manifest, world_of(run, manifest), {one.key.policy for one in episodes})
     recorded = {one.key: one for one in episodes if one.key.policy in {*drivers.policies, *drivers.models}}
-    found = Repeats(lost=[one.key for one in episodes if one.key not in recorded])
+    found = ReplayDifferences(lost=[one.key for one in episodes if one.key not in recorded])
     setup = Setup(manifest.simulator, manifest.seed, longest(manifest, episodes), silence=manifest.silence)
     actions = run / ACTION_MAP
     setup = replace(setup, actions=actions) if actions.is_file() else setup
@@ -174,7 +174,7 @@ def _drivers(manifest: EpisodesManifest, simulator: Simulator, drove: Container[
     }
     return Drivers(
         policies=policies,
-        models={spec: Recorded() for spec in manifest.modes},
+        models={spec: RecordedModel() for spec in manifest.modes},
         prompt=manifest.prompt,
         space=space,
         seed=manifest.seed,
@@ -192,7 +192,7 @@ def _policy(spec: str, version: str, manifest: EpisodesManifest) -> Policy:
     return open_policy(spec, manifest.action_space, lambda _: counts)
 
 
-def _compare(recorded: Episode, driven: Episode, found: Repeats, *, exact: bool) -> None:
+def _compare(recorded: Episode, driven: Episode, found: ReplayDifferences, *, exact: bool) -> None:
     """Add the first step that differs with its differences, or the exact states if none does."""
     key = recorded.key
     for before, now in zip(recorded.steps, driven.steps, strict=False):

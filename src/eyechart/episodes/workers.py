@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
-from eyechart.loops import asyncio
+from eyechart.event_loops import asyncio
 from eyechart.processes import end_with
 
 PATIENCE_S = 300.0

@@ -50,7 +50,7 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class EpisodeView:
     """A moment's stimulus for a model, under the episode's condition."""
 
     frame: str
@@ -76,12 +76,12 @@ class Worlds:
             rollout.decide(lambda: policy.decide(rollout.observe()))
         return rollout.over
 
-    def open(self, key: EpisodeKey) -> Shown | Episode:
+    def open(self, key: EpisodeKey) -> EpisodeView | Episode:
         """Begin an episode with outside decisions; return the first picture, or its failure."""
         self._rollouts[key] = self._begin(key)
         return self._shown(key)
 
-    def act(self, key: EpisodeKey, decision: Decision[str], error: str = "") -> Shown | Episode:
+    def act(self, key: EpisodeKey, decision: Decision[str], error: str = "") -> EpisodeView | Episode:
         """Execute a decision; return the next picture, or the episode if it is over.
 
         ``error`` is the kind of failure of a call without a decision.
@@ -101,7 +101,7 @@ class Worlds:
     def _begin(self, key: EpisodeKey) -> "_Rollout":
         return _Rollout(key, self._simulator, self._pool, self._setup)
 
-    def _shown(self, key: EpisodeKey) -> Shown | Episode:
+    def _shown(self, key: EpisodeKey) -> EpisodeView | Episode:
         shown = self._rollouts[key].shown()
         if isinstance(shown, Episode):
             del self._rollouts[key]
@@ -136,12 +136,12 @@ class _Rollout:
             seed=key_seed("policy", self._setup.seed, self._key.policy, frame),
         )
 
-    def shown(self) -> Shown | Episode:
+    def shown(self) -> EpisodeView | Episode:
         """Return the moment as a model gets it, or the episode if it is over."""
         if self.over is not None:
             return self.over
         try:
-            return Shown(self._key.frame(len(self._steps)), len(self._steps), self._stimulus())
+            return EpisodeView(self._key.frame(len(self._steps)), len(self._steps), self._stimulus())
         except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
             return self.end("error", _words(error))
 

@@ -1,6 +1,6 @@
 """Frame banks: Hugging Face imagefolders with a manifest that fixes geometry and pictures."""
 
-from eyechart.frames.drawn import APART, EXCHANGE, LEAD, Draws, Span, draws_of, exchanged
+from eyechart.frames.control_draws import APART, EXCHANGE, LEAD, Draws, Span, draws_of, exchanged
 from eyechart.frames.folder import (
     BankWriter,
     check,
@@ -36,12 +36,12 @@ from eyechart.frames.nouns import (
     require_exchanged,
     rounded_truth,
 )
-from eyechart.frames.overlap import Shared, same_moments, shared
+from eyechart.frames.overlap import SharedFrames, same_moments, shared
 from eyechart.frames.pictures import (
     MAX_IMAGE_BYTES,
     MAX_PIXELS,
     RGB,
-    Kept,
+    BoundedCache,
     as_png,
     beside,
     decode,
@@ -54,7 +54,7 @@ from eyechart.frames.pictures import (
     size_of,
     stored,
 )
-from eyechart.frames.plain import made_plain, read_colour, require_plain
+from eyechart.frames.plain_pictures import made_plain, read_colour, require_plain
 
 __all__ = [
     "APART",
@@ -70,16 +70,16 @@ __all__ = [
     "RGB",
     "BankManifest",
     "BankWriter",
+    "BoundedCache",
     "Camera",
     "Controls",
     "Draws",
     "Frame",
     "FrameBank",
     "Gap",
-    "Kept",
     "MirrorAxis",
     "Scalar",
-    "Shared",
+    "SharedFrames",
     "Source",
     "Span",
     "Stimulus",

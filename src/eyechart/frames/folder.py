@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any, Self, cast, get_args
 
 from eyechart.errors import BankError, EyechartError, SpecError, raising, text_file, why
-from eyechart.frames.drawn import drawn_otherwise
+from eyechart.frames.control_draws import drawn_otherwise
 from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,

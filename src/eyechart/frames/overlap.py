@@ -11,7 +11,7 @@ from eyechart.frames.nouns import BankManifest, Frame, FrameBank
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedFrames:
     """The frames with equal names in two banks, in the order of the first.
 
     ``sizes`` are the numbers of frames of the banks. ``unlike`` maps each shared frame of different
@@ -35,7 +35,7 @@ class Shared:
         }
 
 
-def shared(one: FrameBank, other: FrameBank) -> Shared:
+def shared(one: FrameBank, other: FrameBank) -> SharedFrames:
     """Return the frames with equal names; geometry is compared to 3 decimals, pixels are not."""
     theirs = {frame.id: frame for frame in other}
     pairs = [(frame, theirs[frame.id]) for frame in one if frame.id in theirs]
@@ -46,7 +46,9 @@ def shared(one: FrameBank, other: FrameBank) -> Shared:
             a, b = mine.truth[name], its.truth[name]
             if isinstance(a, int | float) and isinstance(b, int | float) and not isinstance(a, bool):
                 furthest[name] = max(furthest.get(name, 0.0), abs(a - b))
-    return Shared(tuple(mine.id for mine, _ in pairs), (len(one), len(other)), unlike, dict(sorted(furthest.items())))
+    return SharedFrames(
+        tuple(mine.id for mine, _ in pairs), (len(one), len(other)), unlike, dict(sorted(furthest.items()))
+    )
 
 
 def same_moments(one: BankManifest, other: BankManifest) -> tuple[str, ...]:

@@ -36,7 +36,7 @@ K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
 
 
-class Kept(Generic[K, T]):
+class BoundedCache(Generic[K, T]):
     """A cache of recent items by name, limited in bytes, by ``size``, and in number.
 
     Threads may use it at once; while one makes an item, the others wait.
@@ -61,7 +61,7 @@ class Kept(Generic[K, T]):
             return made
 
 
-_DECODED: Kept[bytes, RGB] = Kept(lambda pixels: pixels.nbytes, 32_000_000, 2_000)
+_DECODED: BoundedCache[bytes, RGB] = BoundedCache(lambda pixels: pixels.nbytes, 32_000_000, 2_000)
 """Decoded pictures. Small ones, which a run shows under many conditions, stay; of large ones only
 the last few do."""
 

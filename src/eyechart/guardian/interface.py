@@ -11,7 +11,7 @@ from eyechart.frames import Stimulus, decode, encode
 from eyechart.perception.view import find_view
 from eyechart.prompts import close_m_of
 from eyechart.spaces.scene import SCENES
-from eyechart.studies.guardian import VIEWS, VOTE_READER, VOTED, Frozen, read_vote
+from eyechart.studies.guardian import VIEWS, VOTE_READER, VOTED, FrozenGuardian, read_vote
 
 Answer = Literal["hazard", "clear", "abstain"]
 Vote = bool | None
@@ -64,7 +64,7 @@ class Assessment:
         }
 
 
-def interface_of(frozen: Frozen) -> Interface:
+def interface_of(frozen: FrozenGuardian) -> Interface:
     """Return the interface of a guardian's choice: view, prompt and reading of its structured run.
 
     Raises GuardianError if its votes came from elsewhere, or its prompt needs more than a picture.

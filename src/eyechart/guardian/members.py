@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.records import Plain
+from eyechart.records import JsonRecord
 from eyechart.studies import structured, study_of
 from eyechart.studies.guardian import VIEWS, VoteTable
-from eyechart.studies.structured.study import Structured
+from eyechart.studies.structured.study import StructuredStudy
 
 
 @dataclass(frozen=True, slots=True)
-class Member(Plain):
+class Member(JsonRecord):
     """The record of a committee's member in its run.
 
     ``missing`` of its ``votes`` on the frames in question are missing; ``reasons`` count why.
@@ -52,7 +52,7 @@ def members_of(
     """Return the records of a committee's models that voted in these runs, on a table's frames."""
     scores: dict[str, structured.StructuredScore] = {}
     for run in runs:
-        if isinstance(study_of(run), Structured):
+        if isinstance(study_of(run), StructuredStudy):
             found = structured.score(run, reread=reread)
             scores.update(dict.fromkeys(found.models, found))
     reasons = {model: table.reasons(model) for model in committee if model in scores}

@@ -8,14 +8,14 @@ from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.guardian import interface_of
 from eyechart.report.charts import BLUE, INK, MUTED, Drawing, canvas, style
-from eyechart.report.page import Opening, Page, Said, fill
+from eyechart.report.page import Page, PageSummary, VerdictSummary, fill
 from eyechart.report.table import Cell, Column, Mark, Table, columns, number, p_value
 from eyechart.report.table import estimate as shown
-from eyechart.stats.committee import ABSTAIN, answers
-from eyechart.stats.paired import Discordant
+from eyechart.stats.committee_votes import ABSTAIN, answers
+from eyechart.stats.paired_tests import DiscordantPairs
 from eyechart.stats.statistic import Statistic, UpperBound
 from eyechart.studies.battery.album import view_uri
-from eyechart.studies.guardian import ESTIMANDS, VIEWS, Bound, Frozen, GuardianScore, Nested, Replay
+from eyechart.studies.guardian import ESTIMANDS, VIEWS, Bound, FrozenGuardian, GuardianScore, ModularReplay, NestedFit
 
 MOST_PICTURES = 24
 MOST_ROWS = 3000
@@ -54,7 +54,7 @@ def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
     return Page(html, {"curve": [drawn]})
 
 
-def opening(found: GuardianScore) -> Opening:
+def opening(found: GuardianScore) -> PageSummary:
     """Return the page's opening: missed hazards, false alarms, and abstentions."""
     table, own = found.table, found.rows[found.frozen.point]
     hazards = int(table.hazard.sum())
@@ -75,7 +75,7 @@ def opening(found: GuardianScore) -> Opening:
     bound = "" if found.bound is not None else "Its misses have no upper bound: no episodes were kept for one."
     who = " + ".join(found.frozen.committee)
     drawn = replace(curve(found, (4.2, 2.9)), name="in-short")
-    return Opening(sentence, [Said(who, words[tone], tone, reasons, bound, "points")], figure=drawn)
+    return PageSummary(sentence, [VerdictSummary(who, words[tone], tone, reasons, bound, "points")], figure=drawn)
 
 
 @style()
@@ -169,7 +169,7 @@ def _said(committee: Sequence[str], votes: Iterable[int]) -> str:
 _SHOWN = 10
 
 
-def row_names(frozen: Frozen) -> dict[str, str]:
+def row_names(frozen: FrozenGuardian) -> dict[str, str]:
     """Return the names of a score's rows in the paper's order."""
     at = {"voters": frozen.voters, "threshold": frozen.threshold}
     ties = [h for h in range(frozen.voters + 1) if answers(h, 0, point="abstain", **at) == ABSTAIN]
@@ -202,13 +202,13 @@ def paper_table(found: GuardianScore) -> Table:
 def tests_table(found: GuardianScore) -> Table:
     """Return the two tests of the two-way point against the best single model."""
     exact, whole = found.mcnemar, found.over_episodes
-    corrected, made = (exact.b, exact.c) if isinstance(exact, Discordant) else (0, 0)
+    corrected, made = (exact.b, exact.c) if isinstance(exact, DiscordantPairs) else (0, 0)
     rows = (("exact McNemar", corrected, made, exact.p), ("signs of episodes flipped", None, None, whole.p))
     named = (Column("test"), *columns("count", "corrected", "made"), Column("p", "p"))
     return Table("guardian-tests", "The two-way guardian against the best single model", named, rows)
 
 
-def replay_table(found: Replay) -> Table:
+def replay_table(found: ModularReplay) -> Table:
     """Return the shares of modular replay."""
     shares = {
         "agreement with the renderer policy": found.agreement,
@@ -223,7 +223,7 @@ def replay_table(found: Replay) -> Table:
     return Table("modular", caption, (Column("share"), Column("value", "estimate")), rows)
 
 
-def nested_table(found: Nested) -> Table:
+def nested_table(found: NestedFit) -> Table:
     """Return the pooled row of nested leave-one-episode-out."""
     row = ("nested leave-one-episode-out", *_cells(found.pooled), f"{found.agreed} of {len(found.folds)}")
     return Table("nested", "Committees chosen without each episode", (*_COLUMNS, Column("folds alike")), (row,))
@@ -237,7 +237,7 @@ def _cells(row: Mapping[str, Statistic]) -> tuple[Cell, ...]:
     return tuple(row[name] for name in METRICS)
 
 
-def choice_lines(frozen: Frozen) -> Iterator[str]:
+def choice_lines(frozen: FrozenGuardian) -> Iterator[str]:
     """Yield sentences on the choice, its frames, and facts that were not recorded."""
     votes = f"hazard from {frozen.threshold} of {frozen.voters} votes"
     yield f"committee: {', '.join(frozen.committee)}; {votes}; {frozen.point}"
@@ -257,7 +257,7 @@ def choice_lines(frozen: Frozen) -> Iterator[str]:
 
 def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
     """Yield sentences on intervals, test, curve, misses and ``bounds``."""
-    corrected, made = (found.mcnemar.b, found.mcnemar.c) if isinstance(found.mcnemar, Discordant) else (0, 0)
+    corrected, made = (found.mcnemar.b, found.mcnemar.c) if isinstance(found.mcnemar, DiscordantPairs) else (0, 0)
     p, whole = found.mcnemar.p, found.over_episodes
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
     yield f"* the guardian's own operating point; intervals: {_method(found)}"
@@ -318,7 +318,7 @@ def bound_lines(found: Bound) -> Iterator[str]:
     yield f"The bounds are {found.scope}"
 
 
-def nested_lines(found: Nested) -> Iterator[str]:
+def nested_lines(found: NestedFit) -> Iterator[str]:
     """Yield sentences on the choices of the folds."""
     kinds: dict[tuple[tuple[str, ...], int, str], list[str]] = {}
     for episode, chosen in found.folds.items():
@@ -327,7 +327,7 @@ def nested_lines(found: Nested) -> Iterator[str]:
         yield f"{len(episodes)}/{len(found.folds)} folds: {' + '.join(committee)}, hazard from {threshold}, {point}"
 
 
-def replay_lines(found: Replay) -> Iterator[str]:
+def replay_lines(found: ModularReplay) -> Iterator[str]:
     """Yield sentences on how a modular replay compares."""
     yield (
         f"Agreement with the renderer policy: {number(found.agreement.value)} (n {found.agreement.n}); where the "

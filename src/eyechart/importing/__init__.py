@@ -8,24 +8,24 @@ from eyechart.errors import in_arguments, speaks_of_arguments
 from eyechart.frames import FrameBank
 from eyechart.importing import bank, lerobot
 from eyechart.importing import costs as lacking
-from eyechart.importing.answers import Answered, read_answer_table
+from eyechart.importing.answers import ImportedAnswer, read_answer_table
 from eyechart.importing.bank import Choices
 from eyechart.importing.columns import read_rig
 from eyechart.importing.costs import taken
 from eyechart.importing.faults import Faults
 from eyechart.importing.inspect_log import ENDINGS as LOGS
 from eyechart.importing.inspect_log import open_log
-from eyechart.importing.lerobot import Ahead
+from eyechart.importing.lerobot import Horizon
 from eyechart.importing.numerals import Numerals
 from eyechart.importing.photographs import Convert
 
 __all__ = [
     "LOGS",
-    "Ahead",
-    "Answered",
     "Choices",
     "Convert",
     "Faults",
+    "Horizon",
+    "ImportedAnswer",
     "Numerals",
     "costs",
     "import_lerobot",

@@ -11,7 +11,7 @@ from eyechart.calls import MOST, ErrorKind, Reply, misfit
 from eyechart.errors import SourceError, printable
 from eyechart.importing.cells import MOST_CELL, Cell, Progress, Row, plain_name, read_number
 from eyechart.importing.faults import Faults
-from eyechart.importing.tables import Table, open_table
+from eyechart.importing.tables import SourceTable, open_table
 
 MOST_ROWS = 5_000_000
 MOST_REPEATS = 1_000
@@ -41,7 +41,7 @@ _KNOWN = (*_KEYS[1:], "request_sha256", *_WORDS, *_NUMBERS, *ALIASES)
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class ImportedAnswer:
     """An answer from another program: its call's key, what the row says of it, and the reply.
 
     ``reply`` is None if the row has no answer. ``where`` names the row.
@@ -56,7 +56,7 @@ class Answered:
     reply: Reply | None
 
 
-def read_answer_table(path: Path, faults: Faults, progress: Progress | None = None) -> Iterator[Answered]:
+def read_answer_table(path: Path, faults: Faults, progress: Progress | None = None) -> Iterator[ImportedAnswer]:
     """Yield the answers of a CSV, JSON lines or Parquet file in order, in bounded memory.
 
     A faulty row is added to ``faults`` and left out. Raises SourceError if the file cannot be read,
@@ -67,7 +67,7 @@ def read_answer_table(path: Path, faults: Faults, progress: Progress | None = No
     for number, row in enumerate(table.rows, 1):
         if number > MOST_ROWS:
             raise SourceError(f"{path} has more than {MOST_ROWS} rows; cut it into parts")
-        where, made = f"{path.name}, row {number}", list[Answered]()
+        where, made = f"{path.name}, row {number}", list[ImportedAnswer]()
         with faults.noted():
             made += [_answered(where, _meant(where, row, named))] if row else []
         yield from made
@@ -80,7 +80,7 @@ def meaning(column: str) -> str:
     return ALIASES.get(plain, plain if plain in (*_KEYS, *_KNOWN) else column)
 
 
-def _named(path: Path, table: Table) -> dict[str, str]:
+def _named(path: Path, table: SourceTable) -> dict[str, str]:
     """Return each column's meaning; raises SourceError if a required one is missing."""
     named = {name: meaning(name) for name in table.columns}
     unread = f"; of a type that is not read are {', '.join(table.unread)}" if table.unread else ""
@@ -105,7 +105,7 @@ def _meant(where: str, row: Row, named: Mapping[str, str]) -> Row:
     return found
 
 
-def _answered(where: str, row: Row) -> Answered:
+def _answered(where: str, row: Row) -> ImportedAnswer:
     """Return a row as an answer; raises SourceError, beginning with ``where``, for a fault."""
     call = _word(row.get("call"), f"{where}: 'call'")
     if not call:
@@ -113,7 +113,7 @@ def _answered(where: str, row: Row) -> Answered:
     frame, condition, digest = (
         _word(row.get(name), f"{where}: '{name}'") or None for name in ("frame", "condition", "request_sha256")
     )
-    return Answered(where, call, frame, condition, _repeat(row.get("repeat"), where), digest, _reply(row, where))
+    return ImportedAnswer(where, call, frame, condition, _repeat(row.get("repeat"), where), digest, _reply(row, where))
 
 
 def _repeat(cell: Cell, where: str) -> int:

@@ -48,12 +48,12 @@ from eyechart.importing.cells import (
 )
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import given_name
-from eyechart.importing.logged import Log, tell
+from eyechart.importing.motion_log import MotionLog, tell
 from eyechart.importing.numerals import Numerals, distance, odd_gaps, unclear, unit_named, unit_of
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.repeats import REPEATS, repeats
-from eyechart.importing.tables import Table, open_table
+from eyechart.importing.tables import SourceTable, open_table
 from eyechart.records import plain
 from eyechart.spaces.discrete import DRIVING, Discrete
 
@@ -72,7 +72,7 @@ alone."""
 ALL = "all"
 """The name of the only scenario and of the only episode if the source records none."""
 
-Shown = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
+FramePictures = tuple[Frame, Mapping[str, bytes], Mapping[str, Mapping[str, bytes]]]
 """A frame with its encoded pictures by camera, and those of its counterfactuals."""
 
 
@@ -112,7 +112,7 @@ class Choices:
     strata: tuple[str, ...] = ()
     independent: bool = False
     every: int = 1
-    rig: reading.Rig | None = None
+    rig: reading.SensorLayout | None = None
     convert: Convert | None = None
     keep_repeats: bool = False
     numerals: Numerals = field(default_factory=Numerals)
@@ -126,26 +126,26 @@ class Choices:
 
 
 @dataclass(frozen=True)
-class Source:
+class ImportSource:
     """The source of pictures: a folder, a generator of frames with pictures, and settings."""
 
     folder: Path
-    pictures: Callable[[Sequence[Frame]], Iterator[Shown]]
+    pictures: Callable[[Sequence[Frame]], Iterator[FramePictures]]
     settings: Mapping[str, object] = field(default_factory=dict)
     converted: Mapping[str, int] = field(default_factory=dict)
     said: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
-class Kept:
+class BankRows:
     """The rows that become frames, with their numbers, the columns of places, and faults."""
 
     rows: list[Row]
     numbers: list[int]
     places: Mapping[str, str]
-    table: Table
+    table: SourceTable
     faults: Faults
-    log: Log | None = None
+    log: MotionLog | None = None
 
     def named(self) -> Iterator[tuple[Row, str]]:
         """Yield the rows with their names for messages."""
@@ -181,7 +181,7 @@ def import_table(
 
 
 def import_rows(
-    table: Table, photographs: Photographs, out: Path, choices: Choices, progress: Progress | None = None
+    table: SourceTable, photographs: Photographs, out: Path, choices: Choices, progress: Progress | None = None
 ) -> FrameBank:
     """Make a bank at ``out`` from an open table's rows and picture files; see `import_table`."""
     kept = keep(table, choices)
@@ -194,7 +194,7 @@ def import_rows(
 
     said: list[str] = []
 
-    def pictures(frames: Sequence[Frame]) -> Iterator[Shown]:
+    def pictures(frames: Sequence[Frame]) -> Iterator[FramePictures]:
         same = 0
         for frame, (_, where) in zip(frames, kept.named(), strict=True):
             with kept.faults.noted():
@@ -207,11 +207,11 @@ def import_rows(
         )
 
     frames = frames_of(kept, choices, cells)
-    source = Source(photographs.folder, pictures, _told(choices.rig, kept), converted=photographs.done, said=said)
+    source = ImportSource(photographs.folder, pictures, _told(choices.rig, kept), converted=photographs.done, said=said)
     return write(out, source, frames, kept=kept, choices=choices, progress=progress)
 
 
-def _told(rig: reading.Rig | None, kept: Kept) -> dict[str, object]:
+def _told(rig: reading.SensorLayout | None, kept: BankRows) -> dict[str, object]:
     """Return the record of a rig's kind of motion, with a warning if the data contradict it."""
     if rig is None or rig.motion is None or kept.log is None:
         return {}
@@ -223,7 +223,7 @@ def _told(rig: reading.Rig | None, kept: Kept) -> dict[str, object]:
     return {KIND: {"by": "the rig says", "ratio": told.ratio, "said": said}}
 
 
-def _opened(table: Path, reads: Progress | None, choices: Choices) -> Table:
+def _opened(table: Path, reads: Progress | None, choices: Choices) -> SourceTable:
     """Open a table; if that fails, faults of the options are reported first."""
     try:
         return open_table(table, reads)
@@ -234,7 +234,7 @@ def _opened(table: Path, reads: Progress | None, choices: Choices) -> Table:
         raise
 
 
-def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices) -> Shown:
+def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices) -> FramePictures:
     """Return a frame with its pictures and file names; raises SourceError if one is not plain."""
 
     def read(files: Mapping[str, str], under: Callable[[str], str]) -> tuple[dict[str, bytes], dict[str, str]]:
@@ -291,7 +291,7 @@ def _require_moved(shown: Mapping[str, Mapping[str, bytes]], where: str) -> None
             )
 
 
-def keep(table: Table, choices: Choices) -> Kept:
+def keep(table: SourceTable, choices: Choices) -> BankRows:
     """Read the rows that become frames; raises SourceError if there are none, or too many.
 
     Faults of the options are among the faults of the result.
@@ -334,7 +334,7 @@ def keep(table: Table, choices: Choices) -> Kept:
             raise SourceError(f"{table.name} holds more than {MOST_TEXT} characters; take every Nth row with --every N")
     if not rows and not faults:
         faults.add(f"{table.name} has no rows; each row is a frame")
-    return Kept(rows, numbers, places, table, faults, log)
+    return BankRows(rows, numbers, places, table, faults, log)
 
 
 def _wordy(choices: Choices, places: Mapping[str, str]) -> set[str]:
@@ -360,13 +360,13 @@ def _with_gap(row: Row, where: str, choices: Choices, places: Mapping[str, str],
     return cells
 
 
-def _whole(table: Table) -> Iterator[Row]:
+def _whole(table: SourceTable) -> Iterator[Row]:
     """Yield a table's rows as far as possible; an early end is one fault among the others."""
     with table.faults.noted():
         yield from table.rows
 
 
-def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> Log | None:
+def _log(choices: Choices, places: Mapping[str, str], table: SourceTable, faults: Faults) -> MotionLog | None:
     """Return the log of a rig's motions; None without motions, or without one of their columns.
 
     A missing column is a fault already. Without episodes it is unknown which steps follow a row.
@@ -377,7 +377,7 @@ def _log(choices: Choices, places: Mapping[str, str], table: Table, faults: Faul
         faults.add(f"--rig: a motion needs the steps that follow; name the episode's column of {table.name}")
     known = all(one.column in table.columns for one in choices.rig.motion.number)
     state = [column for many in choices.rig.state.values() for column in many]
-    return Log(choices.rig.motion, state, faults, table.name) if known else None
+    return MotionLog(choices.rig.motion, state, faults, table.name) if known else None
 
 
 def _letters(row: Row, where: str, faults: Faults) -> int:
@@ -388,14 +388,14 @@ def _letters(row: Row, where: str, faults: Faults) -> int:
     return sum(50 + (len(cell) if isinstance(cell, str) else 0) for cell in row.values())
 
 
-def _check_count(table: Table, rows: int, frames: int) -> None:
+def _check_count(table: SourceTable, rows: int, frames: int) -> None:
     if frames > MOST_FRAMES:
         raise SourceError(f"{table.name} has more than {MOST_FRAMES} frames; take every Nth of them with --every N")
     if rows > MOST_ROWS:
         raise SourceError(f"{table.name} has more than {MOST_ROWS} rows; cut it into parts")
 
 
-def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
+def _check_choices(choices: Choices, places: Mapping[str, str], table: SourceTable, faults: Faults) -> None:
     if "gap" in places and (choices.threshold is None or not _unit(choices, places)):
         faults.add(f"the gap '{places['gap']}' needs a limit of near: --threshold and --unit, for example 18 and m")
     named = unit_of(places["gap"]) if "gap" in places else None
@@ -423,7 +423,7 @@ def _check_choices(choices: Choices, places: Mapping[str, str], table: Table, fa
             faults.add(f"--prompt-columns {name}: this name is taken; rename the column")
 
 
-def _check_strata(choices: Choices, places: Mapping[str, str], table: Table, faults: Faults) -> None:
+def _check_strata(choices: Choices, places: Mapping[str, str], table: SourceTable, faults: Faults) -> None:
     for name in choices.strata:
         if name not in table.columns:
             faults.add(f"--strata {name}: {reading.no_column(name, table.columns, table.name)}")
@@ -460,7 +460,7 @@ class Cells:
                 yield from ((where, file) for where, file in zip(self.named, files, strict=True) if file)
 
 
-def cells_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) -> Cells:
+def cells_of(kept: BankRows, choices: Choices, locate: Callable[[str, str], str]) -> Cells:
     """Read the cells of all columns; faults are noted in ``kept``, by row.
 
     ``locate`` makes a path of a file's name; no picture is opened.
@@ -491,7 +491,7 @@ def cells_of(kept: Kept, choices: Choices, locate: Callable[[str, str], str]) ->
     )
 
 
-def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
+def _truths(kept: BankRows, choices: Choices) -> dict[str, Sequence[Scalar]]:
     """Return the columns of ground truth; the gap is last."""
     names, _ = reading.others(kept.places, choices.prompt_columns, kept.table.columns)
     truth: dict[str, Sequence[Scalar]] = {}
@@ -513,7 +513,7 @@ def _truths(kept: Kept, choices: Choices) -> dict[str, Sequence[Scalar]]:
     return truth
 
 
-def _check_distances(kept: Kept, choices: Choices, truth: Mapping[str, Sequence[Scalar]], gap: str) -> None:
+def _check_distances(kept: BankRows, choices: Choices, truth: Mapping[str, Sequence[Scalar]], gap: str) -> None:
     """Note impossible distances as faults, of the gap and of counterfactual pictures."""
     named, marks = [where for _, where in kept.named()], not kept.faults
     if len(truth[gap]) == len(named):  # else some of its cells have faults
@@ -538,7 +538,7 @@ def _read_axis(cell: Cell, what: str) -> MirrorAxis:
         raise SourceError(f"{what} is {str(cell)[:60]!r}, not vertical, horizontal or none") from error
 
 
-def _check_taken(kept: Kept, changed: Mapping[str, Mapping[str, list[str]]]) -> None:
+def _check_taken(kept: BankRows, changed: Mapping[str, Mapping[str, list[str]]]) -> None:
     """Note as a fault a counterfactual picture that only some cameras of a rig have."""
     for kind, columns in changed.items():
         for (_, where), files in zip(kept.named(), zip(*columns.values(), strict=True), strict=True):
@@ -547,7 +547,7 @@ def _check_taken(kept: Kept, changed: Mapping[str, Mapping[str, list[str]]]) -> 
                 kept.faults.add(f"{where}: {kind} has no picture of {lacking}; take it by every camera, or by none")
 
 
-def frames_of(kept: Kept, choices: Choices, cells: Cells) -> list[Frame]:
+def frames_of(kept: BankRows, choices: Choices, cells: Cells) -> list[Frame]:
     """Return the frames of the cells, without opening pictures; raises SourceError for a fault."""
     kept.faults.require_none(kept.table.name)
     scenarios, episodes, steps = cells.placed
@@ -578,7 +578,7 @@ def frames_of(kept: Kept, choices: Choices, cells: Cells) -> list[Frame]:
     ]
 
 
-def _states(rig: reading.Rig, kept: Kept) -> dict[str, list[tuple[float, ...]]]:
+def _states(rig: reading.SensorLayout, kept: BankRows) -> dict[str, list[tuple[float, ...]]]:
     """Return every state of a rig by its name, for each row."""
     numbers = {
         name: [
@@ -599,7 +599,7 @@ def _beside(choices: Choices, kind: str, camera: str) -> str:
     return f"counterfactuals/{kind}/" if choices.rig is None else f"counterfactuals/{kind}/{camera}/"
 
 
-def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str]:
+def _files(kept: BankRows, role: str, locate: Callable[[str, str], str]) -> list[str]:
     """Return the file of each row, empty for an allowed empty cell and for a fault."""
     if role not in kept.places:
         return [""] * len(kept.rows)
@@ -620,7 +620,7 @@ def _files(kept: Kept, role: str, locate: Callable[[str, str], str]) -> list[str
     return files
 
 
-def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], list[int]]:
+def _placed(kept: BankRows, *, independent: bool) -> tuple[list[str], list[str], list[int]]:
     """Return every frame's scenario, episode and step, with defaults for missing columns.
 
     Without episodes all frames are one episode, which no test counts as many. Frames that are
@@ -652,7 +652,7 @@ def _placed(kept: Kept, *, independent: bool) -> tuple[list[str], list[str], lis
     return scenarios, episodes, steps
 
 
-def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int]) -> None:
+def _check_apart(kept: BankRows, scenarios: Sequence[str], episodes: Sequence[str], steps: Sequence[int]) -> None:
     """Note as a fault an episode in several scenarios: its parts would count as separate drives.
 
     Repeated names of different drives are no fault. They show by a step that occurs in two
@@ -676,7 +676,7 @@ def _check_apart(kept: Kept, scenarios: Sequence[str], episodes: Sequence[str], 
     )
 
 
-def _check_alike(kept: Kept, place: str, labels: Sequence[str]) -> None:
+def _check_alike(kept: BankRows, place: str, labels: Sequence[str]) -> None:
     """Note names of a place that look the same as faults; `costs` reports other spellings."""
     first: dict[str, str] = {}
     for label in dict.fromkeys(labels):
@@ -687,7 +687,7 @@ def _check_alike(kept: Kept, place: str, labels: Sequence[str]) -> None:
             )
 
 
-def _check_steps(kept: Kept) -> None:
+def _check_steps(kept: BankRows) -> None:
     """Note as a fault a step that occurs twice in an episode; unreadable rows are skipped."""
     if not {"episode", "step"} <= kept.places.keys():
         return
@@ -713,7 +713,13 @@ def _described(picture: str, frames: Sequence[Frame]) -> str:
 
 
 def write(
-    out: Path, source: Source, frames: Sequence[Frame], *, kept: Kept, choices: Choices, progress: Progress | None
+    out: Path,
+    source: ImportSource,
+    frames: Sequence[Frame],
+    *,
+    kept: BankRows,
+    choices: Choices,
+    progress: Progress | None,
 ) -> FrameBank:
     """Write the bank, one picture in memory at a time."""
     gap = kept.places.get("gap")
@@ -784,7 +790,7 @@ def _said_gap(cell: Scalar) -> str:
     return f"{cell:g}" if isinstance(cell, int | float) else str(cell)
 
 
-def _declared(kept: Kept, choices: Choices) -> dict[str, object]:
+def _declared(kept: BankRows, choices: Choices) -> dict[str, object]:
     """Return the record of unusual ways in which the table was read."""
     numerals, marks = choices.numerals, choices.numerals.no_lead
     guessed = {

@@ -12,8 +12,8 @@ from eyechart.errors import BankError, SpecError, meant, perhaps, raising
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
 from eyechart.importing.cells import plain_name
 from eyechart.importing.faults import Faults
-from eyechart.importing.logged import Logged, Reflection
-from eyechart.importing.tables import Table
+from eyechart.importing.motion_log import LoggedMotion, Reflection
+from eyechart.importing.tables import SourceTable
 from eyechart.spaces.discrete import read_toml
 from eyechart.spaces.motion import MotionSpace
 
@@ -60,7 +60,7 @@ def is_distance(column: str) -> bool:
     return _DISTANCE.search(re.sub(r"[^a-z0-9]+", "_", apart.lower())) is not None
 
 
-class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class CameraColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A camera of a rig, the column of its pictures, and the columns of its counterfactuals.
 
     In a LeRobotDataset the name is that of its camera, and there is no column.
@@ -73,15 +73,15 @@ class Column(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     changed: dict[str, str] = {}
 
 
-class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class SensorLayout(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The cameras of a table, and the columns of its states and of its logged motion.
 
     ``reflection`` declares state and motion in the reflected world.
     """
 
-    camera: Annotated[tuple[Column, ...], msgspec.Meta(min_length=1)]
+    camera: Annotated[tuple[CameraColumn, ...], msgspec.Meta(min_length=1)]
     state: dict[str, tuple[str, ...]] = {}
-    motion: Logged | None = None
+    motion: LoggedMotion | None = None
     reflection: Reflection | None = None
 
     @property
@@ -110,17 +110,17 @@ class Rig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return taken | {f"motion {place}": one.column for place, one in enumerate(done)}
 
 
-def read_rig(path: Path, *, of_table: bool = True) -> Rig:
+def read_rig(path: Path, *, of_table: bool = True) -> SensorLayout:
     """Read a rig from a TOML file.
 
     Each ``[[camera]]`` has name, column, mirror_axis and mirrors. ``[camera.changed]`` names the
     columns of its counterfactual pictures, and ``[state]`` those of each state. ``[motion]``
-    declares the log (`Logged`), with a ``[[motion.number]]`` for each number, and ``[reflection]``
-    the reflected world (`Reflection`). A rig that is not ``of_table`` has cameras and
-    ``[reflection]`` alone. Raises SpecError with the file and the fault.
+    declares the log (`LoggedMotion`), with a ``[[motion.number]]`` for each number, and
+    ``[reflection]`` the reflected world (`Reflection`). A rig that is not ``of_table`` has cameras
+    and ``[reflection]`` alone. Raises SpecError with the file and the fault.
     """
     with raising(SpecError, f"{path} is no rig of cameras", of=(msgspec.ValidationError, BankError, SpecError)):
-        rig = msgspec.convert(read_toml(path), Rig)
+        rig = msgspec.convert(read_toml(path), SensorLayout)
         require_exchanged(rig.cameras)
         _require_changed_alike(rig.camera)
         (_require_columns if of_table else _require_no_columns)(rig)
@@ -130,7 +130,7 @@ def read_rig(path: Path, *, of_table: bool = True) -> Rig:
     return rig
 
 
-def _require_columns(rig: Rig) -> None:
+def _require_columns(rig: SensorLayout) -> None:
     for one in rig.camera:
         if not one.column:
             raise SpecError(f"camera '{one.name}' has no column; name the table's column of its pictures")
@@ -138,21 +138,21 @@ def _require_columns(rig: Rig) -> None:
         raise SpecError("[reflection] declares a reflected motion, but there is no [motion]")
 
 
-def _require_no_columns(rig: Rig) -> None:
+def _require_no_columns(rig: SensorLayout) -> None:
     own = [f"camera '{one.name}': column" for one in rig.camera if one.column or one.changed]
     own += [name for name, there in (("[state]", rig.state), ("[motion]", rig.motion)) if there]
     if own:
         raise SpecError(f"{own[0]} is for a --table; a LeRobotDataset declares its pictures and numbers itself")
 
 
-def _require_axes(rig: Rig) -> None:
+def _require_axes(rig: SensorLayout) -> None:
     """Raise SpecError if a reflection is declared and a camera has no mirror axis."""
     lacking = [one.name for one in rig.camera if one.mirror_axis == "none"]
     if rig.reflection is not None and lacking:
         raise SpecError(f"[reflection] needs the mirror_axis of every camera; '{lacking[0]}' has none")
 
 
-def _require_changed_alike(cameras: Sequence[Column]) -> None:
+def _require_changed_alike(cameras: Sequence[CameraColumn]) -> None:
     for one in cameras:
         if one.changed.keys() != cameras[0].changed.keys():
             raise BankError(f"camera '{one.name}' has other pictures with one thing changed than '{cameras[0].name}'")
@@ -162,10 +162,10 @@ def _require_changed_alike(cameras: Sequence[Column]) -> None:
 
 def places(
     asked: Mapping[str, str],
-    table: Table,
+    table: SourceTable,
     faults: Faults,
     *,
-    rig: Rig | None = None,
+    rig: SensorLayout | None = None,
     kept: Collection[str] = (),
     own: Collection[str] = (),
 ) -> dict[str, str]:
@@ -190,7 +190,7 @@ def places(
     return found
 
 
-def _require_one(place: str, column: str, table: Table, faults: Faults) -> None:
+def _require_one(place: str, column: str, table: SourceTable, faults: Faults) -> None:
     """Note as a fault a column taken by its name if another has the same name in other letters."""
     same = [one for one in table.columns if column and plain_name(one) == plain_name(column)]
     if len(same) > 1:
@@ -199,7 +199,7 @@ def _require_one(place: str, column: str, table: Table, faults: Faults) -> None:
 
 
 def _given(
-    of_rig: Mapping[str, str], asked: Mapping[str, str], roles: Collection[str], table: Table, faults: Faults
+    of_rig: Mapping[str, str], asked: Mapping[str, str], roles: Collection[str], table: SourceTable, faults: Faults
 ) -> dict[str, str]:
     """Return the columns that a rig and ``--map`` name; an unknown place or column is a fault."""
     found: dict[str, str] = {}

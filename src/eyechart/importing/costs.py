@@ -14,7 +14,7 @@ from eyechart.frames import EXCHANGE, LEAD, Frame, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID
 from eyechart.importing.cells import loosely_alike, plain_name
-from eyechart.importing.notes import notes
+from eyechart.importing.log_warnings import notes
 from eyechart.importing.numerals import unit_named, unit_of
 from eyechart.importing.repeats import REPEATS, in_words
 from eyechart.spaces.motion import PLACES, MotionSpace

@@ -8,7 +8,7 @@ import msgspec
 
 from eyechart.errors import SourceError, raising, read_at_most
 from eyechart.importing.cells import is_nothing
-from eyechart.importing.layout import MOST_LINES, Clip, Episodes, Info, Layout, once, require_own, video_of
+from eyechart.importing.layout import MOST_LINES, Clip, DataSetLayout, EpisodeTable, Info, once, require_own, video_of
 from eyechart.records import Count
 
 T = TypeVar("T")
@@ -38,14 +38,14 @@ class _Modality(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class EpisodeFiles(Layout):
+class EpisodeFiles(DataSetLayout):
     """The folder of a data set of version 2."""
 
     EPISODES: ClassVar = "meta/episodes.jsonl"
     TASKS: ClassVar = "meta/tasks.jsonl"
     DATA: ClassVar = "chunk-*/episode_*.parquet"
 
-    def episodes(self, cameras: Sequence[str], info: Info) -> Episodes:
+    def episodes(self, cameras: Sequence[str], info: Info) -> EpisodeTable:
         """Return the episodes' lengths, and their videos, which are whole files.
 
         Raises SourceError for a faulty line, or an episode with two different lengths.
@@ -57,7 +57,7 @@ class EpisodeFiles(Layout):
             raise SourceError(f"{path} has no episode: is the data set complete?")
         clips = {camera: {one: self._clip(camera, one, info) for one in lengths} for camera in cameras}
         require_own(clips, self.root)
-        return Episodes(lengths, clips)
+        return EpisodeTable(lengths, clips)
 
     def _clip(self, camera: str, episode: int, info: Info) -> Clip:
         with raising(SourceError, f"{self.root / 'meta/info.json'}: video_path", of=ValueError):

@@ -16,7 +16,7 @@ from typing import IO, Any
 
 from eyechart.calls import MOST, Reply, bounded
 from eyechart.errors import SourceError, printable, raising
-from eyechart.importing.answers import MOST_REPEATS, MOST_ROWS, Answered, made_reply
+from eyechart.importing.answers import MOST_REPEATS, MOST_ROWS, ImportedAnswer, made_reply
 from eyechart.importing.cells import MOST_CELL, Progress
 from eyechart.importing.faults import Faults
 from eyechart.importing.parquet import require
@@ -36,7 +36,7 @@ _FINISH = {"max_tokens": "length", "model_length": "length", "unknown": None}
 
 
 @dataclass(frozen=True)
-class Log:
+class InspectLog:
     """A log: the evaluated model, Inspect's version, and the number of samples."""
 
     path: Path
@@ -44,10 +44,10 @@ class Log:
     version: str
     count: int
 
-    def answers(self, faults: Faults, progress: Progress | None = None) -> Iterator[Answered]:
+    def answers(self, faults: Faults, progress: Progress | None = None) -> Iterator[ImportedAnswer]:
         """Yield the answer of each sample; a faulty one is added to ``faults`` and left out."""
         for number, (name, sample) in enumerate(_samples(self.path), 1):
-            made: list[Answered] = []
+            made: list[ImportedAnswer] = []
             with faults.noted():
                 made.append(_answered(f"{self.path.name}, sample {name}", sample))
             yield from made
@@ -55,7 +55,7 @@ class Log:
                 progress(number, self.count)
 
 
-def open_log(path: Path) -> Log:
+def open_log(path: Path) -> InspectLog:
     """Open a log of Inspect AI; raises SourceError if it is none, or is too large."""
     if not path.is_file():
         raise SourceError(f"{path} does not exist or is no file")
@@ -75,7 +75,9 @@ def open_log(path: Path) -> Log:
         raise SourceError(f"{path} is no log of Inspect AI: it does not name the evaluated model")
     packages = about.get("packages")
     version = packages.get("inspect_ai") if isinstance(packages, dict) else None
-    return Log(path, printable(about["model"])[:200], printable(str(version or "of unknown version"))[:40], count)
+    return InspectLog(
+        path, printable(about["model"])[:200], printable(str(version or "of unknown version"))[:40], count
+    )
 
 
 def _samples(path: Path) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -166,7 +168,7 @@ def _list(value: object, path: Path) -> list[object]:
     return value
 
 
-def _answered(where: str, sample: Mapping[str, Any]) -> Answered:
+def _answered(where: str, sample: Mapping[str, Any]) -> ImportedAnswer:
     """Return a sample as an answer; raises SourceError, beginning with ``where``, for a fault."""
     told = sample.get("metadata")
     asked = told if isinstance(told, dict) else {}
@@ -177,7 +179,7 @@ def _answered(where: str, sample: Mapping[str, Any]) -> Answered:
     if not isinstance(epoch, int) or isinstance(epoch, bool) or not 1 <= epoch <= MOST_REPEATS:
         raise SourceError(f"{where}: its epoch is {str(epoch)[:40]!r}, not a whole number from 1 to {MOST_REPEATS}")
     frame, condition = (one if isinstance(one := asked.get(name), str) else None for name in ("frame", "condition"))
-    return Answered(where, call, frame, condition, epoch - 1, None, _reply(sample, where))
+    return ImportedAnswer(where, call, frame, condition, epoch - 1, None, _reply(sample, where))
 
 
 def _reply(sample: Mapping[str, Any], where: str) -> Reply | None:

@@ -109,7 +109,7 @@ class Clip:
 
 
 @dataclass(frozen=True)
-class Episodes:
+class EpisodeTable:
     """The length of each episode, None if unknown, and the clips of each camera."""
 
     lengths: Mapping[int, int | None]
@@ -117,7 +117,7 @@ class Episodes:
 
 
 @dataclass(frozen=True)
-class Layout:
+class DataSetLayout:
     """The folder of a data set of version 3, through which every file of it is opened.
 
     ``EPISODES`` and ``TASKS`` are the places of both descriptions, ``DATA`` is the pattern of data
@@ -183,7 +183,7 @@ class Layout:
             raise SourceError(f"{path} lists {len(info.features)} features; the limit is {MOST_COLUMNS}")
         return info
 
-    def episodes(self, cameras: Sequence[str], info: Info) -> Episodes:
+    def episodes(self, cameras: Sequence[str], info: Info) -> EpisodeTable:
         """Return the episodes' lengths, and the places of the ``cameras``' videos.
 
         A camera without entries has no clips. Raises SourceError for a faulty cell, or an episode
@@ -207,7 +207,7 @@ class Layout:
                 if clip is not None:
                     once(found, episode, clip, f"{where}: the place of episode {episode} in the videos of '{camera}'")
         require_own(clips, self.root)
-        return Episodes(lengths, clips)
+        return EpisodeTable(lengths, clips)
 
     def task_column(self, columns: Sequence[str]) -> str:  # noqa: ARG002 - that GR00T has others
         """Return which of the data files' ``columns`` has the number of a row's task."""

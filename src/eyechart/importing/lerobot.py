@@ -11,18 +11,37 @@ import msgspec
 
 from eyechart.errors import SourceError, SpecError, meant
 from eyechart.frames import Frame, FrameBank
-from eyechart.importing.bank import KIND, Choices, Kept, Shown, Source, cells_of, frames_of, keep, write
+from eyechart.importing.bank import (
+    KIND,
+    BankRows,
+    Choices,
+    FramePictures,
+    ImportSource,
+    cells_of,
+    frames_of,
+    keep,
+    write,
+)
 from eyechart.importing.cells import Progress, Row
-from eyechart.importing.columns import PICTURED, Column, Rig
+from eyechart.importing.columns import PICTURED, CameraColumn, SensorLayout
 from eyechart.importing.episode_files import EpisodeFiles
 from eyechart.importing.faults import Faults
-from eyechart.importing.layout import MOST_CAMERAS, Episodes, Feature, Info, Layout, given_name, vectors_of, whole
-from eyechart.importing.logged import CHANGES_ABOVE, Logged, Number, Told, tell
+from eyechart.importing.layout import (
+    MOST_CAMERAS,
+    DataSetLayout,
+    EpisodeTable,
+    Feature,
+    Info,
+    given_name,
+    vectors_of,
+    whole,
+)
+from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionNumber, tell
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
-from eyechart.importing.reels import Embedded, Missing, Reel, Videos
-from eyechart.importing.tables import Table
+from eyechart.importing.tables import SourceTable
 from eyechart.importing.timeline import PLACES, Timeline
+from eyechart.importing.videos import EmbeddedPictures, MissingPicture, Reel, Videos
 from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
 
@@ -41,10 +60,10 @@ class Dataset:
     ``task`` is the column with the number of each row's task.
     """
 
-    layout: Layout
+    layout: DataSetLayout
     info: Info
     reels: Mapping[str, Reel]
-    episodes: Episodes
+    episodes: EpisodeTable
     tasks: Mapping[int, str]
     timeline: Timeline
     task: str = "task_index"
@@ -62,7 +81,7 @@ class Dataset:
 
 
 @dataclass(frozen=True, slots=True)
-class Ahead:
+class Horizon:
     """The motions to make from a log: their steps, and their kind, which the data show if it is None.
 
     ``state`` and ``action`` name the features of both, in order; empty: the usual ones.
@@ -80,7 +99,7 @@ def import_lerobot(
     choices: Choices,
     *,
     camera: str | None = None,
-    ahead: Ahead | None = None,
+    ahead: Horizon | None = None,
     reads: Progress | None = None,
     progress: Progress | None = None,
 ) -> FrameBank:
@@ -128,11 +147,11 @@ def import_lerobot(
         chosen = replace(chosen, rig=rig)
         data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
     data.said.extend(data.timeline.said())
-    source = Source(folder, partial(_pictures, data, kept.numbers), settings, said=data.said)
+    source = ImportSource(folder, partial(_pictures, data, kept.numbers), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
 
-def _frames(kept: Kept, choices: Choices, timeline: Timeline) -> list[Frame]:
+def _frames(kept: BankRows, choices: Choices, timeline: Timeline) -> list[Frame]:
     """Return the frames of the kept rows; an error also lists the rows that were left out."""
     cells = cells_of(kept, choices, lambda name, what: name)  # noqa: ARG005 - made here, so it leads nowhere else
     try:
@@ -147,8 +166,8 @@ def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Da
     With ``every``, all cameras are taken if none is named, except depth cameras and cameras without
     files. The exceptions are noted.
     """
-    said, info = list[str](), Layout(folder).info()
-    layout = EpisodeFiles(folder) if info.is_of_episodes else Layout(folder)
+    said, info = list[str](), DataSetLayout(folder).info()
+    layout = EpisodeFiles(folder) if info.is_of_episodes else DataSetLayout(folder)
     cameras = _cameras(info.features, layout.root / "meta/info.json", said)
     videos = [name for name in cameras if info.features[name].dtype == "video"]
     episodes = layout.episodes(videos, info)
@@ -163,7 +182,7 @@ def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Da
         if info.features[name].dtype == "video":
             reels[name] = Videos(layout, episodes.clips[name], timeline)
         else:
-            reels[name] = Embedded(layout.parquets("data"), name)
+            reels[name] = EmbeddedPictures(layout.parquets("data"), name)
     return Dataset(layout, info, reels, episodes, tasks, timeline, task, said)
 
 
@@ -186,7 +205,7 @@ def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> li
     return cameras
 
 
-def _lacks(layout: Layout, info: Info, episodes: Episodes, camera: str) -> str:
+def _lacks(layout: DataSetLayout, info: Info, episodes: EpisodeTable, camera: str) -> str:
     """Return why a listed camera has no picture at all, empty if it has some."""
     if info.features[camera].dtype == "image":
         there = any(has_column(path, camera, extra="lerobot") for path in layout.parquets("data"))
@@ -199,7 +218,7 @@ def _lacks(layout: Layout, info: Info, episodes: Episodes, camera: str) -> str:
 
 
 def _chosen(
-    cameras: Sequence[str], lacking: Mapping[str, str], camera: str | None, layout: Layout, *, every: bool
+    cameras: Sequence[str], lacking: Mapping[str, str], camera: str | None, layout: DataSetLayout, *, every: bool
 ) -> Sequence[str]:
     """Return the cameras to take: the named one, else all that have pictures, or the only one."""
     path, have = layout.root / "meta/info.json", [name for name in cameras if name not in lacking]
@@ -221,25 +240,25 @@ def _chosen(
     return have
 
 
-def _rig(data: Dataset, ahead: Ahead, choices: Choices) -> Rig:
+def _rig(data: Dataset, ahead: Horizon, choices: Choices) -> SensorLayout:
     """Return the cameras, the state and the motions of a data set, as far as its names show."""
     names, done = (_numbered(data.features, many) for many in _features_of(data, ahead))
     state, action = tuple(names.values()), tuple(done.values())
     if not action:
         raise SourceError(_no_action(data))
     kind = ahead.kind or ("absolute" if done.keys() <= names.keys() else "delta")
-    numbers = [Number(column, name, state=names.get(name, "")) for name, column in done.items()]
+    numbers = [MotionNumber(column, name, state=names.get(name, "")) for name, column in done.items()]
     by_name = [one | {column: column for column in one.values()} for one in (names, done)]
     reflection = None if choices.rig is None else choices.rig.reflection
-    return Rig(
+    return SensorLayout(
         tuple(_named(name, choices) for name in data.reels),
         {"state": tuple(state)} if state else {},
-        Logged(tuple(numbers), ahead.horizon, kind, data.info.fps, ACTION[0]),
+        LoggedMotion(tuple(numbers), ahead.horizon, kind, data.info.fps, ACTION[0]),
         None if reflection is None else reflection.by_column(*by_name),
     )
 
 
-def _numbers(rig: Rig) -> list[str]:
+def _numbers(rig: SensorLayout) -> list[str]:
     """Return the columns of a rig's states and motions."""
     done = () if rig.motion is None else rig.motion.number
     return [*(column for many in rig.state.values() for column in many), *(one.column for one in done)]
@@ -259,7 +278,7 @@ def _sized(feature: Feature) -> str:
     return f"{'×'.join(map(str, feature.size))} number{'' if feature.size == (1,) else 's'}"
 
 
-def _left_of_state(data: Dataset, rig: Rig, taken: Sequence[str]) -> list[str]:
+def _left_of_state(data: Dataset, rig: SensorLayout, taken: Sequence[str]) -> list[str]:
     """Return the observed numbers that are not in the policy's state."""
     left = [
         f"'{name}' ({_sized(one)})"
@@ -271,7 +290,7 @@ def _left_of_state(data: Dataset, rig: Rig, taken: Sequence[str]) -> list[str]:
     return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
 
 
-def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
+def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayout, dict[str, object]]:
     """Return a rig with its kind of motion, and the evidence for it.
 
     A place is relative to its paired number of the state. A kind that was given wins. Raises
@@ -300,7 +319,7 @@ def _told(rig: Rig, kept: Kept, ahead: Ahead) -> tuple[Rig, dict[str, object]]:
 _BY_NAMES = "the names say"
 
 
-def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, str]:
+def _kind(told: LogDescription, ahead: Horizon, named: Sequence[int | None]) -> tuple[Kind, str]:
     """Return the kind of the motions and its source: the user, the data, or the state's names.
 
     Names count only for numbers that are no farther from the state's than their spread: one name
@@ -318,15 +337,15 @@ def _kind(told: Told, ahead: Ahead, named: Sequence[int | None]) -> tuple[Kind, 
     )
 
 
-def _named(camera: str, choices: Choices) -> Column:
+def _named(camera: str, choices: Choices) -> CameraColumn:
     """Return a camera by its short name, with its declared axis and partner."""
     for one in () if choices.rig is None else choices.rig.camera:
         if one.name == _short(camera):
             return msgspec.structs.replace(one, column=camera)
-    return Column(_short(camera), camera, choices.mirror)
+    return CameraColumn(_short(camera), camera, choices.mirror)
 
 
-def _require_cameras(data: Dataset, rig: Rig) -> None:
+def _require_cameras(data: Dataset, rig: SensorLayout) -> None:
     """Raise SpecError if a rig names an unknown camera, or a reflection leaves one out."""
     there, named = [_short(name) for name in data.reels], [one.name for one in rig.camera]
     for name in named:
@@ -341,7 +360,7 @@ def _short(camera: str) -> str:
     return re.sub(r"[^\w-]", "_", re.sub(r"^observation\.(images?\.)?", "", camera)) or "camera"
 
 
-def _features_of(data: Dataset, ahead: Ahead) -> tuple[Sequence[str], Sequence[str]]:
+def _features_of(data: Dataset, ahead: Horizon) -> tuple[Sequence[str], Sequence[str]]:
     """Return the features of the state and of the action: the named ones, else the usual ones.
 
     Raises SourceError if a named feature is not a vector of numbers.
@@ -414,14 +433,14 @@ def _instruction(data: Dataset) -> tuple[str, ...]:
     return (TASK,) if data.tasks else ()
 
 
-def _require_words(kept: Kept, data: Dataset) -> None:
+def _require_words(kept: BankRows, data: Dataset) -> None:
     """Note as a fault, once a task, a row whose task has no words."""
     first = {row.get(data.task): where for row, where in reversed([*kept.named()]) if not row.get(TASK)}
     for number, where in reversed(first.items()):
         kept.faults.add(f"{where}: {data.layout.TASKS} has no words of task {number}; download the data set again")
 
 
-def _wordless(kept: Kept, data: Dataset) -> list[str]:
+def _wordless(kept: BankRows, data: Dataset) -> list[str]:
     """Return a note of the frames whose tasks have no words, if no prompt needs them."""
     lacking = [str(row.get(data.task)) for row in kept.rows if not row.get(TASK)]
     if not lacking:
@@ -430,7 +449,7 @@ def _wordless(kept: Kept, data: Dataset) -> list[str]:
     return [f"{said}: {data.layout.TASKS} has none of {', '.join(which[:20])}"]
 
 
-def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Table:
+def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> SourceTable:
     """Return the rows of all data files, with picture names in the columns ``pictured``."""
     vectors = dict(vectors_of(data.features))
     files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in data.layout.parquets("data")]
@@ -443,7 +462,9 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> Ta
     columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *counted, *task)
     for many in (data.timeline.needed, data.timeline.counted):
         many[:] = [name for name in many if name in columns]
-    return Table(data.timeline.name, columns, _data_rows(data, files, count, reads, pictured), typed=True, count=count)
+    return SourceTable(
+        data.timeline.name, columns, _data_rows(data, files, count, reads, pictured), typed=True, count=count
+    )
 
 
 def _data_rows(
@@ -496,16 +517,16 @@ def _words(data: Dataset, row: Row) -> str:
     return data.tasks.get(whole(row[data.task]) or 0, "")
 
 
-def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[Shown]:
+def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[FramePictures]:
     """Yield each frame with its cameras' pictures; ``rows`` are the numbers of their rows.
 
     A frame without a camera's picture is left out and noted.
     """
-    reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[Missing]]()
+    reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[MissingPicture]]()
     for frame, *pictures in zip(frames, *reels, strict=True):
         shown = {}
         for one, picture in zip(frame.cameras, pictures, strict=True):
-            if isinstance(picture, Missing):
+            if isinstance(picture, MissingPicture):
                 missed.setdefault(one.name, []).append(picture)
             else:
                 shown[one.name] = picture

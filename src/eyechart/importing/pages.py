@@ -53,12 +53,12 @@ class _MalformedError(Exception):
     """A header is no struct of Thrift's compact protocol, or asks for more than is allowed."""
 
 
-class _CutError(_MalformedError):
+class _TruncatedError(_MalformedError):
     """The struct continues behind the given bytes."""
 
 
 @dataclass(slots=True)
-class _Compact:
+class _CompactProtocol:
     """Reads Thrift's compact protocol from bytes, within a number of structs."""
 
     data: bytes
@@ -96,7 +96,7 @@ class _Compact:
             head = self._take(1)[0]
             size = head >> 4 if head >> 4 != 15 else self._unsigned()
             if size > len(self.data) - self.at:
-                raise _CutError("it ends before its end")  # each element has a byte or more
+                raise _TruncatedError("it ends before its end")  # each element has a byte or more
             return [self._value(head & 15, depth + 1) for _ in range(size)]
         if kind == _STRUCT:
             return self.struct(depth + 1)
@@ -117,7 +117,7 @@ class _Compact:
 
     def _take(self, count: int) -> bytes:
         if self.at + count > len(self.data):
-            raise _CutError("it ends before its end")
+            raise _TruncatedError("it ends before its end")
         self.at += count
         return self.data[self.at - count : self.at]
 
@@ -188,7 +188,7 @@ def _footer(file: BinaryIO, size: int) -> Fields:
         raise _MalformedError(f"its footer has {length} bytes; the limit is {MOST_FOOTER}; write larger row groups")
     file.seek(size - _TAIL - length)
     with raising(_MalformedError, "its footer", of=_MalformedError):
-        return _Compact(file.read(length), MOST_STRUCTS).struct()
+        return _CompactProtocol(file.read(length), MOST_STRUCTS).struct()
 
 
 def _leaves(schema: Iterator[Fields], count: int, above: str, *, repeated: bool, depth: int) -> Iterator[_Leaf]:
@@ -238,7 +238,7 @@ def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[tu
 
 
 @dataclass(frozen=True, slots=True)
-class _Unpacked:
+class _UnpackedColumn:
     """A column's unpacked size: its dictionary's bytes, and its other pages' values and bytes."""
 
     dictionary: int
@@ -268,7 +268,7 @@ class _Pages:
     size: int
     left: int = _MOST_PAGES
 
-    def of(self, chunk: Fields, *, words: bool) -> _Unpacked:
+    def of(self, chunk: Fields, *, words: bool) -> _UnpackedColumn:
         """Return the unpacked size of a column of a row group, page by page."""
         starts = [_get(chunk, 9, _I64), _may(chunk, 11, _I64) or 0]
         at = min(start for start in starts if start > 0 or start == starts[0])
@@ -294,7 +294,7 @@ class _Pages:
                         "it as PLAIN or with a dictionary"
                     )
                 pages.append((_get(told, 1, _I32), max(packed, unpacked)))
-        return _Unpacked(dictionary, pages)
+        return _UnpackedColumn(dictionary, pages)
 
     def _header(self, at: int, end: int) -> tuple[Fields, int]:
         """Return the page's header at this place, and its length in bytes."""
@@ -305,10 +305,10 @@ class _Pages:
         while True:
             self.file.seek(at)
             given = self.file.read(min(length, end - at))
-            compact = _Compact(given, _HEADER)
+            compact = _CompactProtocol(given, _HEADER)
             try:
                 return compact.struct(), compact.at
-            except _CutError:
+            except _TruncatedError:
                 if len(given) == end - at or length > _MOST_HEADER:
                     raise
             length *= 16

@@ -25,7 +25,7 @@ _REPORT_EVERY = 5_000
 
 
 @dataclass(frozen=True)
-class Table:
+class SourceTable:
     """A table's columns, and its rows in order; an empty cell is None.
 
     ``typed`` says whether its numbers are numbers; in a CSV file every cell is text. ``count`` is
@@ -43,7 +43,7 @@ class Table:
     unread: tuple[str, ...] = ()
 
 
-def open_table(path: Path, progress: Progress | None = None, *, optional: Sequence[str] = ()) -> Table:
+def open_table(path: Path, progress: Progress | None = None, *, optional: Sequence[str] = ()) -> SourceTable:
     """Open a table by its ending: .csv, .tsv, .jsonl, .ndjson or .parquet.
 
     ``progress`` counts the part that was read. A row of JSON lines has the columns of the first,
@@ -57,7 +57,7 @@ def open_table(path: Path, progress: Progress | None = None, *, optional: Sequen
     return OPENERS[path.suffix.lower()](path, progress, optional)
 
 
-def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
+def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> SourceTable:
     lines = _lines(path, progress)
     head = next(lines, "")
     delimiter = max(_DELIMITERS, key=_QUOTED.sub("", head).count)
@@ -67,7 +67,7 @@ def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
         columns = tuple(name.strip() for name in next(reader, []))
     _check_columns(path, columns)
     faults = Faults()
-    return Table(path.name, columns, _csv_rows(path, reader, row, columns, faults), typed=False, faults=faults)
+    return SourceTable(path.name, columns, _csv_rows(path, reader, row, columns, faults), typed=False, faults=faults)
 
 
 class _OneRow:
@@ -118,7 +118,7 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
             raise SourceError(f"{path} has two columns '{name}'; rename one")
 
 
-def _json_lines(path: Path, progress: Progress | None, optional: Sequence[str]) -> Table:
+def _json_lines(path: Path, progress: Progress | None, optional: Sequence[str]) -> SourceTable:
     lines = (line for line in _lines(path, progress) if line.strip())
     head = next(lines, None)
     if head is None:
@@ -127,14 +127,14 @@ def _json_lines(path: Path, progress: Progress | None, optional: Sequence[str]) 
     _check_columns(path, columns)
     faults = Faults()
     rows = _json_rows(path, chain([head], lines), (columns, frozenset(optional)), faults)
-    return Table(path.name, tuple(dict.fromkeys([*columns, *optional])), rows, typed=True, faults=faults)
+    return SourceTable(path.name, tuple(dict.fromkeys([*columns, *optional])), rows, typed=True, faults=faults)
 
 
-_Known = tuple[tuple[str, ...], frozenset[str]]
+_KnownColumns = tuple[tuple[str, ...], frozenset[str]]
 """The columns of a table's first row, and the plain names of columns that other rows may add."""
 
 
-def _json_rows(path: Path, lines: Iterator[str], columns: _Known, faults: Faults) -> Iterator[Row]:
+def _json_rows(path: Path, lines: Iterator[str], columns: _KnownColumns, faults: Faults) -> Iterator[Row]:
     for number, line in enumerate(lines, 1):
         row: Row = {}
         with faults.noted():
@@ -142,7 +142,7 @@ def _json_rows(path: Path, lines: Iterator[str], columns: _Known, faults: Faults
         yield row
 
 
-def _plain_row(path: Path, number: int, line: str, known: _Known) -> Row:
+def _plain_row(path: Path, number: int, line: str, known: _KnownColumns) -> Row:
     row, (columns, optional) = _json_row(path, number, line), known
     for name, cell in row.items():
         if name not in columns and plain_name(name) not in optional:
@@ -172,11 +172,11 @@ def _each_once(pairs: list[tuple[str, Cell]]) -> dict[str, Cell]:
     return found
 
 
-def _parquet(path: Path, progress: Progress | None, _: Sequence[str]) -> Table:
+def _parquet(path: Path, progress: Progress | None, _: Sequence[str]) -> SourceTable:
     opened = open_parquet(path)
     _check_columns(path, opened.columns)
     rows = _counted(opened.rows(), opened.count, progress)
-    return Table(path.name, opened.columns, rows, typed=True, count=opened.count, unread=opened.unread)
+    return SourceTable(path.name, opened.columns, rows, typed=True, count=opened.count, unread=opened.unread)
 
 
 def _counted(rows: Iterator[Row], count: int, progress: Progress | None) -> Iterator[Row]:
@@ -209,7 +209,7 @@ def _lines(path: Path, progress: Progress | None) -> Iterator[str]:
         raise SourceError(f"{path} cannot be read: {error.strerror}") from error
 
 
-OPENERS: dict[str, Callable[[Path, Progress | None, Sequence[str]], Table]] = {
+OPENERS: dict[str, Callable[[Path, Progress | None, Sequence[str]], SourceTable]] = {
     ".csv": _csv,
     ".tsv": _csv,
     ".jsonl": _json_lines,

@@ -37,7 +37,7 @@ class _Episode:
 
 
 @dataclass(slots=True)
-class _Left:
+class _SkippedRows:
     """Rows left out because of one column: the first number, the count, and some values."""
 
     first: int
@@ -60,7 +60,7 @@ class Timeline:
     counted: list[str]
     needed: list[str]
     times: "array[float]" = field(default_factory=lambda: array("d"))
-    left: dict[str, _Left] = field(default_factory=dict)
+    left: dict[str, _SkippedRows] = field(default_factory=dict)
     emptied: Counter[str] = field(default_factory=Counter)
     lacking: list[int] = field(default_factory=list)
     meta: str = "meta/episodes"
@@ -108,7 +108,7 @@ class Timeline:
         return known.time_s
 
     def _leave(self, column: str, row: Row) -> Row:
-        cell, left = row.get(column), self.left.setdefault(column, _Left(len(self.times)))
+        cell, left = row.get(column), self.left.setdefault(column, _SkippedRows(len(self.times)))
         left.count += 1
         if len(left.values) <= _SHOWN:
             left.values["empty" if cell is None else repr(cell)[:40]] = None

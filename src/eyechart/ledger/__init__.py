@@ -8,7 +8,7 @@ when written rows are missing.
 
 from eyechart.ledger.ledger import Ledger
 from eyechart.ledger.loss import accept_loss
-from eyechart.ledger.rows import AGAIN, UNKNOWN, Attempt, Sent
+from eyechart.ledger.rows import AGAIN, UNKNOWN, Attempt, SentAttempt
 from eyechart.ledger.schema import SINCE_FORMAT_3
 
-__all__ = ["AGAIN", "SINCE_FORMAT_3", "UNKNOWN", "Attempt", "Ledger", "Sent", "accept_loss"]
+__all__ = ["AGAIN", "SINCE_FORMAT_3", "UNKNOWN", "Attempt", "Ledger", "SentAttempt", "accept_loss"]

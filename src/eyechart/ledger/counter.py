@@ -27,19 +27,19 @@ _LOG = b"\2\2"
 _COUNTED_SINCE = 3
 
 
-class Written(NamedTuple):
+class WrittenCounts(NamedTuple):
     """The numbers of requests and replies that were written."""
 
     requests: int
     replies: int
 
-    def plus(self, more: "Written") -> "Written":
+    def plus(self, more: "WrittenCounts") -> "WrittenCounts":
         """Return the sums."""
-        return Written(self.requests + more.requests, self.replies + more.replies)
+        return WrittenCounts(self.requests + more.requests, self.replies + more.replies)
 
-    def without(self, held: "Written") -> "Written":
+    def without(self, held: "WrittenCounts") -> "WrittenCounts":
         """Return how many of these are missing from ``held``."""
-        return Written(*(max(0, mine - its) for mine, its in zip(self, held, strict=True)))
+        return WrittenCounts(*(max(0, mine - its) for mine, its in zip(self, held, strict=True)))
 
     @property
     def words(self) -> str:
@@ -48,17 +48,17 @@ class Written(NamedTuple):
         return " and ".join(parts) or "nothing"
 
 
-NOTHING = Written(0, 0)
+NOTHING = WrittenCounts(0, 0)
 
 
-class Count(NamedTuple):
+class LedgerCount(NamedTuple):
     """A counter's content: the rows a ledger should hold, and its accepted loss."""
 
-    expected: Written = NOTHING
-    lost: Written = NOTHING
+    expected: WrittenCounts = NOTHING
+    lost: WrittenCounts = NOTHING
 
 
-def read_counter(ledger: Path) -> Count:
+def read_counter(ledger: Path) -> LedgerCount:
     """Return what a ledger's counter says; zeros if it has none, as an older one or a copy.
 
     Raises LedgerError if the counter is damaged.
@@ -69,7 +69,7 @@ def read_counter(ledger: Path) -> Count:
             with plain_file(path).open("rb") as file:
                 line = file.read(_LENGTH + 1)
         except FileNotFoundError:
-            return Count()
+            return LedgerCount()
         if (found := _read(line)) is not None:
             return found
         time.sleep(0.01 * look)
@@ -82,28 +82,28 @@ def read_counter(ledger: Path) -> Count:
 class Counter:
     """The counter of a ledger that is open to append."""
 
-    def __init__(self, file: BinaryIO, lost: Written) -> None:
+    def __init__(self, file: BinaryIO, lost: WrittenCounts) -> None:
         self._file, self._lost = file, lost
 
-    def write(self, held: Written) -> None:
+    def write(self, held: WrittenCounts) -> None:
         """Record how many rows the ledger holds, in one write; raises OSError if that fails."""
         self._file.seek(0)
-        self._file.write(_line(Count(held, self._lost)))
+        self._file.write(_line(LedgerCount(held, self._lost)))
 
 
 @contextmanager
-def counting(ledger: Path, held: Written) -> Iterator[Counter]:
+def counting(ledger: Path, held: WrittenCounts) -> Iterator[Counter]:
     """Yield a ledger's counter, set to the rows that the ledger holds; make it if it is missing."""
     lost = read_counter(ledger).lost
     if not _beside(ledger).exists():
-        write_counter(ledger, Count(held))
+        write_counter(ledger, LedgerCount(held))
     with _beside(ledger).open("r+b", buffering=0) as file:
         counter = Counter(file, lost)
         counter.write(held)
         yield counter
 
 
-def write_counter(ledger: Path, count: Count) -> None:
+def write_counter(ledger: Path, count: LedgerCount) -> None:
     """Write a counter beside a ledger, atomically, also over an old one."""
     path = _beside(ledger)
     partial = path.with_name(f".{path.name}.new")
@@ -133,16 +133,16 @@ def is_alone(ledger: Path) -> bool:
     return head[_JOURNAL : _JOURNAL + 2] == _LOG and int.from_bytes(head[_FORMAT : _FORMAT + 4]) >= _COUNTED_SINCE
 
 
-def _line(count: Count) -> bytes:
+def _line(count: LedgerCount) -> bytes:
     (requests, replies), lost = count
     said = f'{{"requests": {requests}, "replies": {replies}, "lost": [{lost[0]}, {lost[1]}], "crc32": '
     return f"{said}{zlib.crc32(said.encode())}}}".encode().ljust(_LENGTH - 1) + b"\n"
 
 
-def _read(line: bytes) -> Count | None:
+def _read(line: bytes) -> LedgerCount | None:
     try:
         said = json.loads(line[:_LENGTH])
-        found = Count(Written(said["requests"], said["replies"]), Written(*said["lost"]))
+        found = LedgerCount(WrittenCounts(said["requests"], said["replies"]), WrittenCounts(*said["lost"]))
     except (ValueError, LookupError, TypeError, RecursionError):
         return None
     plain = all(type(one) is int and 0 <= one < _MOST for one in (*found.expected, *found.lost))

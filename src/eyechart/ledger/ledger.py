@@ -11,7 +11,7 @@ from typing import Self
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.errors import LedgerError, MissingCallsWarning, counted, is_full, printable, why
-from eyechart.ledger.counter import NOTHING, Written, counting, is_alone, read_counter
+from eyechart.ledger.counter import NOTHING, WrittenCounts, counting, is_alone, read_counter
 from eyechart.ledger.rows import (
     AGAIN,
     KEY,
@@ -23,7 +23,7 @@ from eyechart.ledger.rows import (
     REPORTED,
     UNKNOWN,
     Attempt,
-    Sent,
+    SentAttempt,
     checksum,
     now,
     row_of,
@@ -64,7 +64,7 @@ _ASKED = OF_KEY + 3
 """Number of columns in a checksum before those of the reply."""
 _TAKEN: set[str] = set()
 """Digests of files that are sound or accepted as they are; they are not checked again."""
-_REQUEST, _REPLY = Written(1, 0), Written(0, 1)
+_REQUEST, _REPLY = WrittenCounts(1, 0), WrittenCounts(0, 1)
 
 
 class Ledger:
@@ -217,14 +217,14 @@ class Ledger:
             raise
         self._count(NOTHING)
 
-    def _count(self, rows: Written) -> None:
+    def _count(self, rows: WrittenCounts) -> None:
         """Count written rows; the counter is updated once they are committed."""
         self._pending = self._pending.plus(rows)
         if not self._sql.in_transaction:
             self._held, self._pending = self._held.plus(self._pending), NOTHING
             self._counter.write(self._held)
 
-    def held(self) -> Written:
+    def held(self) -> WrittenCounts:
         """Return the numbers of requests and replies in the ledger."""
         return _counted(self._sql)
 
@@ -301,7 +301,7 @@ class Ledger:
         for row in rows:
             yield CallKey(*row[:OF_KEY]), Reply(*row[OF_KEY:])
 
-    def attempts(self, model: str) -> Iterator[Sent]:
+    def attempts(self, model: str) -> Iterator[SentAttempt]:
         """Yield every attempt at a model's calls in the order of sending, with its reply."""
         rows = self._sql.execute(
             f"SELECT {KEY_OF_CALL}, a.number, a.reason, a.request_sha256, a.sent_at, r.final, {REPORTED} "
@@ -312,7 +312,7 @@ class Ledger:
         for row in rows:
             number, reason, digest, sent_at, came = row[OF_KEY : OF_KEY + 5]
             reply = None if came is None else Reply(*row[OF_KEY + 5 :])
-            yield Sent(CallKey(*row[:OF_KEY]), number, reason, reply, digest, bool(came), sent_at)
+            yield SentAttempt(CallKey(*row[:OF_KEY]), number, reason, reply, digest, bool(came), sent_at)
 
     def take(self) -> None:
         """Accept this file's content, although damaged, for every later read."""
@@ -357,5 +357,7 @@ class Ledger:
         return new
 
 
-def _counted(sql: sqlite3.Connection) -> Written:
-    return Written(*(sql.execute(f"SELECT count(*) FROM {name}").fetchone()[0] for name in ("attempts", "replies")))
+def _counted(sql: sqlite3.Connection) -> WrittenCounts:
+    return WrittenCounts(
+        *(sql.execute(f"SELECT count(*) FROM {name}").fetchone()[0] for name in ("attempts", "replies"))
+    )

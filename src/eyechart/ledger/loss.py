@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from eyechart.errors import LedgerError
-from eyechart.ledger.counter import NOTHING, Count, Written, read_counter, write_counter
+from eyechart.ledger.counter import NOTHING, LedgerCount, WrittenCounts, read_counter, write_counter
 from eyechart.ledger.ledger import Ledger
 from eyechart.ledger.schema import is_bare
 
 
-def accept_loss(path: Path) -> Written:
+def accept_loss(path: Path) -> WrittenCounts:
     """Accept that written rows of a ledger are missing; return how many.
 
     A ledger that is absent or holds no table has lost all rows; its remains get another name, and a
@@ -23,7 +23,7 @@ def accept_loss(path: Path) -> Written:
     if empty:
         _set_aside(path)
     if any(lost):
-        write_counter(path, Count(held, count.lost.plus(lost)))
+        write_counter(path, LedgerCount(held, count.lost.plus(lost)))
     return lost
 
 

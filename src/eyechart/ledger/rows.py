@@ -46,7 +46,7 @@ class Attempt(NamedTuple):
     sent_at: str
 
 
-class Sent(NamedTuple):
+class SentAttempt(NamedTuple):
     """An attempt as read back: its call, number, reason and reply; None is "unknown".
 
     ``final`` says that the reply finished the call.

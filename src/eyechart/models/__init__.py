@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from eyechart import __version__
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError, meant
-from eyechart.loops import asyncio
+from eyechart.event_loops import asyncio
 from eyechart.modes import RequestMode, each_without_secrets, read_mode, without_secrets
 
 
@@ -39,7 +39,7 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedModel:
     """An open model with the request mode of its calls, for models that no SPEC can name."""
 
     mode: RequestMode
@@ -96,12 +96,12 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     return model
 
 
-def open_policy(policy: str | Opened, timeout_s: float | None = None) -> Opened:
+def open_policy(policy: str | OpenedModel, timeout_s: float | None = None) -> OpenedModel:
     """Open the policy of a SPEC with a time limit; return an open one unchanged."""
-    if isinstance(policy, Opened):
+    if isinstance(policy, OpenedModel):
         return policy
     mode = policy_mode(policy, timeout_s)
-    return Opened(mode, open_model(policy, mode, answering="policy"))
+    return OpenedModel(mode, open_model(policy, mode, answering="policy"))
 
 
 def policy_mode(spec: str, timeout_s: float | None = None) -> RequestMode:

@@ -14,7 +14,7 @@ from http import HTTPStatus
 from types import MappingProxyType
 
 from eyechart.calls import TRANSIENT, ErrorKind, Reply
-from eyechart.patterns import pattern
+from eyechart.regexes import pattern
 
 _STATUSES: Mapping[int, ErrorKind] = MappingProxyType(
     {

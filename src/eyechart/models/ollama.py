@@ -111,7 +111,7 @@ def names() -> dict[str, str]:
     return {"MODEL": "a pulled model, as qwen2.5vl:7b; its server runs here, or --base-url names it"}
 
 
-class _Staying(urllib.request.HTTPRedirectHandler):
+class _NoRedirects(urllib.request.HTTPRedirectHandler):
     """Follows no redirect: it would send the headers, and their secrets, to another address."""
 
     def redirect_request(self, *asked: object, **more: object) -> None:
@@ -160,7 +160,7 @@ class _Server:
     def _ask(self, path: str, payload: bytes | None = None) -> Mapping[str, object]:
         headers = {"Content-Type": "application/json", **self.headers}
         request = urllib.request.Request(self.base_url + path, payload, headers)  # noqa: S310 - http or https by type
-        handlers = [_Staying(), *([urllib.request.ProxyHandler({})] if is_loopback(self.base_url) else [])]
+        handlers = [_NoRedirects(), *([urllib.request.ProxyHandler({})] if is_loopback(self.base_url) else [])]
         try:
             found = read_json(_within(_ASKING_S, lambda: _fetched(request, handlers)))
         except ValueError as error:

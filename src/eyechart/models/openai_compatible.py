@@ -17,6 +17,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
 from eyechart.models.energy import metered
+from eyechart.models.event_stream import first_words_s, gather, is_stream, refusal_of, require_text, text_of
 from eyechart.models.faults import WITHIN, kind_of_status, with_proof
 from eyechart.models.http import (
     Endpoint,
@@ -29,7 +30,6 @@ from eyechart.models.http import (
     unlike_json,
     words_of,
 )
-from eyechart.models.streaming import first_words_s, gather, is_stream, refusal_of, require_text, text_of
 from eyechart.modes import TOKEN_FIELDS, RequestMode
 from eyechart.spaces.space import ending
 

@@ -22,12 +22,12 @@ from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
 from eyechart.perception.view import scene_of
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import Other, Scene, safe_action
+from eyechart.spaces.scene import OtherVehicle, Scene, safe_action
 
 Kind = Literal["no_picture", "uniform", "unknown", "road"]
 
 
-class Reading(Protocol):
+class PictureReading(Protocol):
     """What a reader finds in a picture of any kind."""
 
     @property
@@ -55,7 +55,7 @@ class Reading(Protocol):
         """Return the own lane's index, 0 for the leftmost."""
 
     @property
-    def others(self) -> tuple[Other, ...]:
+    def others(self) -> tuple[OtherVehicle, ...]:
         """Return the other objects on the road, the lead included."""
 
     @property
@@ -64,11 +64,11 @@ class Reading(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class PerceivedPicture:
     """A picture as a controller sees it: its kind, the reading of a road, and the file's digest."""
 
     kind: Kind
-    reading: Reading | None
+    reading: PictureReading | None
     file: bytes = b""
     """The SHA-256 of the encoded picture."""
 
@@ -76,11 +76,11 @@ class Sight:
 Answer = str | Reply
 """An action as text, or a whole Reply where the controller fails to act."""
 
-Decide = Callable[[Sight, random.Random], Answer]
+Decide = Callable[[PerceivedPicture, random.Random], Answer]
 
 
 @dataclass(frozen=True, slots=True)
-class Declared:
+class DeservedLabels:
     """A controller's correct labels on a ``balanced`` bank, by the paper's and calibrated rules."""
 
     paper: str
@@ -94,14 +94,14 @@ class Controller:
 
     says: str
     decide: Decide
-    declared: Declared
+    declared: DeservedLabels
 
 
 _REFUSAL = Reply(text="I'm sorry, I cannot see a road in this picture.", finish_reason="stop")
 _CUT = Reply(text="The green vehicle is in the", finish_reason="length")
 
 
-def _on_road(decide: Callable[[Reading], Answer], elsewhere: Answer = "STOP") -> Decide:
+def _on_road(decide: Callable[[PictureReading], Answer], elsewhere: Answer = "STOP") -> Decide:
     """Return a controller that decides by the road, and answers ``elsewhere`` without one."""
     return lambda sight, _: elsewhere if sight.reading is None else decide(sight.reading)
 
@@ -109,7 +109,7 @@ def _on_road(decide: Callable[[Reading], Answer], elsewhere: Answer = "STOP") ->
 def _never_right(decide: Decide) -> Decide:
     """Return a controller that says SLOW where the given one says RIGHT."""
 
-    def answer(sight: Sight, rng: random.Random) -> Answer:
+    def answer(sight: PerceivedPicture, rng: random.Random) -> Answer:
         action = decide(sight, rng)
         return "SLOW" if action == "RIGHT" else action
 
@@ -128,7 +128,7 @@ def _round(scene: Scene) -> Answer:
     return "LEFT" if scene.left_clear else "RIGHT" if scene.right_clear else "SLOW"
 
 
-def _self_inconsistent(sight: Sight, rng: random.Random) -> Answer:
+def _self_inconsistent(sight: PerceivedPicture, rng: random.Random) -> Answer:
     if sight.reading is None and rng.random() < 0.5:
         return "STOP"
     return rng.choice(DRIVING.actions)
@@ -144,82 +144,82 @@ CONTROLLERS: dict[str, Controller] = {
     "constant": Controller(
         "answers SLOW, whatever it is shown",
         lambda *_: "SLOW",
-        Declared("image_invariant", "image_invariant", "no_power"),
+        DeservedLabels("image_invariant", "image_invariant", "no_power"),
     ),
     "random": Controller(
         "tosses a five-sided coin",
         lambda _, rng: rng.choice(DRIVING.actions),
-        Declared("image_invariant", "self_inconsistent", "does_not_swap"),
+        DeservedLabels("image_invariant", "self_inconsistent", "does_not_swap"),
     ),
     "presence": Controller(
         "SLOW at any road, STOP at anything else",
         _on_road(lambda _: "SLOW"),
-        Declared("presence_only", "presence_only", "no_power"),
+        DeservedLabels("presence_only", "presence_only", "no_power"),
     ),
     "depth": Controller(
         "brakes by the distance of the lead vehicle, never turns",
         _DEPTH,
-        Declared("depth", "depth", "no_power"),
+        DeservedLabels("depth", "depth", "no_power"),
     ),
     "depth_lateral": Controller(
         "brakes by distance and turns to the one clear side",
         _DEPTH_LATERAL,
-        Declared("depth_lateral", "depth_lateral", "turns_clear"),
+        DeservedLabels("depth_lateral", "depth_lateral", "turns_clear"),
     ),
     "depth_left": Controller(
         "brakes by distance and says LEFT for a free road (as the paper's Qwen2.5-VL-72B)",
         _on_road(lambda road: _graded(road.scene, "LEFT")),
-        Declared("depth", "depth", "one_sided"),
+        DeservedLabels("depth", "depth", "one_sided"),
     ),
     "one_sided": Controller(
         "brakes by distance and turns to the left where it is clear, never to the right",
         _never_right(_DEPTH_LATERAL),
-        Declared("depth", "depth", "one_sided"),
+        DeservedLabels("depth", "depth", "one_sided"),
     ),
     "noisy_depth": Controller(
         "brakes by distance in 4 of 10 answers and tosses a coin in the others",
         lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < 0.6 else _DEPTH(sight, rng),
-        Declared("self_inconsistent", "depth_associated", "does_not_swap"),
+        DeservedLabels("self_inconsistent", "depth_associated", "does_not_swap"),
     ),
     "self_inconsistent": Controller(
         "tosses a coin at roads, and a coin biased to STOP at anything else (self-inconsistent as the paper's Kimi-K3)",
         _self_inconsistent,
-        Declared("self_inconsistent", "self_inconsistent", "does_not_swap"),
+        DeservedLabels("self_inconsistent", "self_inconsistent", "does_not_swap"),
     ),
     "refuse_blank": Controller(
         "answers SLOW, but refuses a uniform picture",
         lambda sight, _: _REFUSAL if sight.kind == "uniform" else "SLOW",
-        Declared("refusal_effect", "refusal_effect", "no_power"),
+        DeservedLabels("refusal_effect", "refusal_effect", "no_power"),
     ),
     "declines_blank_depth": Controller(
         "brakes by distance, and refuses anything that is no road",
         _on_road(lambda road: _graded(road.scene, "STRAIGHT"), _REFUSAL),
-        Declared("not_scorable", "depth", "no_power"),
+        DeservedLabels("not_scorable", "depth", "no_power"),
     ),
     "truncating": Controller(
         "brakes by distance, but 4 of 10 answers are cut off before the action",
         lambda sight, rng: _CUT if rng.random() < 0.4 else _DEPTH(sight, rng),
-        Declared("not_scorable", "not_scorable", "no_power"),
+        DeservedLabels("not_scorable", "not_scorable", "no_power"),
     ),
     "inverted": Controller(
         "brakes where the lead vehicle is far and goes on where it is near",
         _on_road(lambda road: _graded(road.scene, "STOP", "STRAIGHT")),
-        Declared("presence_only", "content", "no_power"),
+        DeservedLabels("presence_only", "content", "no_power"),
     ),
     "nuisance": Controller(
         "follows the phase of the lane markings, which says nothing about the road",
         _on_road(lambda road: "STOP" if road.stripe_phase is None else _BY_THIRDS[int(3 * road.stripe_phase) % 3]),
-        Declared("presence_only", "content", "no_power"),
+        DeservedLabels("presence_only", "content", "no_power"),
     ),
     "crash_colour": Controller(
         "stops where the own vehicle is painted red",
         _on_road(lambda road: "STOP" if road.ego_colour == "red" else "STRAIGHT", "SLOW"),
-        Declared("presence_only", "content", "no_power"),
+        DeservedLabels("presence_only", "content", "no_power"),
     ),
     "scene_only": Controller(
         "recognises the scenario by its road, and nothing else",
         _on_road(lambda road: _BY_THIRDS[road.place % 3]),
-        Declared("presence_only", "scene_cue", "no_power"),
+        DeservedLabels("presence_only", "scene_cue", "no_power"),
     ),
 }
 
@@ -227,34 +227,34 @@ PLANNERS: dict[str, Controller] = {
     "clear_side": Controller(
         "passes an obstacle on a side that is clear, and never stops on a road",
         _CLEAR_SIDE,
-        Declared("depth_lateral", "content", "turns_clear"),
+        DeservedLabels("depth_lateral", "content", "turns_clear"),
     ),
     "left_side": Controller(
         "passes an obstacle on the left where that is clear, never on the right",
         _never_right(_CLEAR_SIDE),
-        Declared("depth", "depth", "one_sided"),
+        DeservedLabels("depth", "depth", "one_sided"),
     ),
     "distance": Controller(
         "slows down and stops by the distance of the obstacle, and knows no side",
         _DEPTH,
-        Declared("depth", "depth", "no_power"),
+        DeservedLabels("depth", "depth", "no_power"),
     ),
     "stopping": Controller(
         "answers STOP, whatever it is shown",
         lambda *_: "STOP",
-        Declared("image_invariant", "image_invariant", "no_power"),
+        DeservedLabels("image_invariant", "image_invariant", "no_power"),
     ),
 }
 """Planners for a lower controller, such as the rover's; their labels hold on a rover's bank."""
 
 _SIGHTS_KEPT = 20_000
-_SIGHTS: OrderedDict[bytes, Sight] = OrderedDict()
+_SIGHTS: OrderedDict[bytes, PerceivedPicture] = OrderedDict()
 
 
-def see(image: bytes | None) -> Sight:
+def see(image: bytes | None) -> PerceivedPicture:
     """Read an encoded picture by its pixels alone; a process reads equal pictures once."""
     if image is None:
-        return Sight("no_picture", None)
+        return PerceivedPicture("no_picture", None)
     digest = hashlib.sha256(image).digest()
     if digest not in _SIGHTS:
         _SIGHTS[digest] = replace(_look(decode(image, "the query's picture")), file=digest)
@@ -263,14 +263,14 @@ def see(image: bytes | None) -> Sight:
     return _SIGHTS[digest]
 
 
-def _look(pixels: RGB) -> Sight:
+def _look(pixels: RGB) -> PerceivedPicture:
     # Few pixels first: they tell most pictures apart, and faster.
     if (pixels[::8, ::8] == pixels[0, 0]).all() and (pixels == pixels[0, 0]).all():
-        return Sight("uniform", None)
+        return PerceivedPicture("uniform", None)
     picture = scene_of(pixels)
     view = view_of(picture)
-    reading: Reading | None = read_picture(picture) if view is None else read_forward(picture, view)
-    return Sight("unknown" if reading is None else "road", reading)
+    reading: PictureReading | None = read_picture(picture) if view is None else read_forward(picture, view)
+    return PerceivedPicture("unknown" if reading is None else "road", reading)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle, Scene
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -61,7 +61,7 @@ _TABLE_CODES, _TABLE_NUMBERS = _palette_tables()
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class HighwayReading:
     """The contents of one highway-env picture, by its pixels alone.
 
     ``ego_colour`` is a name in ``PALETTE`` (green drives, red has crashed). ``lanes`` counts the
@@ -79,7 +79,7 @@ class Reading:
     ego_colour: str
     lanes: int
     lane_from_left: int
-    others: tuple[Other, ...]
+    others: tuple[OtherVehicle, ...]
     stripe_phase: float | None
     ramp: bool
     flipped: bool | None = False
@@ -94,7 +94,7 @@ class Reading:
         """Return the kind of road: 0 with a ramp or up to two lanes, 1 with three, 2 with more."""
         return 0 if self.ramp or self.lanes <= 2 else 1 if self.lanes == 3 else 2
 
-    def mirrored(self) -> "Reading":
+    def mirrored(self) -> "HighwayReading":
         """Return the reading of the flipped picture."""
         return replace(
             self,
@@ -128,7 +128,7 @@ class _Road(NamedTuple):
     ramp: bool
 
 
-def read_picture(rgb: npt.NDArray[np.uint8]) -> Reading | None:
+def read_picture(rgb: npt.NDArray[np.uint8]) -> HighwayReading | None:
     """Return the reading of a picture (150, 600, 3); None if it is no such picture with an ego."""
     if rgb.shape != (HEIGHT_PX, WIDTH_PX, 3) or rgb.dtype != np.uint8:
         return None
@@ -141,12 +141,12 @@ def read_picture(rgb: npt.NDArray[np.uint8]) -> Reading | None:
     if not egos:
         return None
     others, upright = [body for body in bodies if body not in egos], _upright(egos)
-    return Reading(
+    return HighwayReading(
         scene=_read_scene(road, others, upright=upright),
         ego_colour=_NAMES[min(ego.colour for ego in egos)],
         lanes=road.lanes_left + 1 + road.lanes_right,
         lane_from_left=road.lanes_left,
-        others=tuple(sorted(Other(*_place_of(body, upright)) for body in others)),
+        others=tuple(sorted(OtherVehicle(*_place_of(body, upright)) for body in others)),
         stripe_phase=road.stripe_phase,
         ramp=road.ramp,
         flipped=upright < 0 if upright else None,

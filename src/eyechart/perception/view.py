@@ -28,7 +28,7 @@ BLACK, GREY, RED, BLUE = (0, 0, 0), (110, 110, 110), (200, 0, 0), (0, 70, 200)
 _WHITE = (255, 255, 255)
 
 
-class Mark(NamedTuple):
+class LegendMark(NamedTuple):
     """One stroke of a legend: text, line, box or polygon, at points (x, y) in pixels of the view.
 
     ``size`` is a text's height or a line's width; ``anchor`` is Pillow's anchor of a text.
@@ -60,7 +60,7 @@ class View:
     above: int
     below: int
     ground: Colour
-    marks: tuple[Mark, ...]
+    marks: tuple[LegendMark, ...]
     beside: int = 0
 
     def __post_init__(self) -> None:
@@ -142,17 +142,17 @@ def _surround(view: View) -> RGB:
     return pixels
 
 
-def text(x: int, y: int, words: str, *, size: int = 18, colour: Colour = BLACK, anchor: str = "lm") -> Mark:
+def text(x: int, y: int, words: str, *, size: int = 18, colour: Colour = BLACK, anchor: str = "lm") -> LegendMark:
     """Return a text with its anchor, by default the left middle, at (x, y)."""
-    return Mark("text", ((x, y),), colour, words, size, anchor)
+    return LegendMark("text", ((x, y),), colour, words, size, anchor)
 
 
-def arrow(x: int, y: int, dx: int, dy: int, colour: Colour) -> Mark:
+def arrow(x: int, y: int, dx: int, dy: int, colour: Colour) -> LegendMark:
     """Return an arrowhead with its tip at (x, y) that points along (dx, dy), 14 pixels long."""
     back, wide = 14, 8
     base_x, base_y = x - back * dx, y - back * dy
     corners = ((x, y), (base_x - wide * dy, base_y - wide * dx), (base_x + wide * dy, base_y + wide * dx))
-    return Mark("polygon", corners, colour)
+    return LegendMark("polygon", corners, colour)
 
 
 _EGO_BODY, _EGO_OUTLINE = (50, 200, 0), (60, 60, 60)
@@ -171,10 +171,10 @@ def highway() -> View:
         text(12, 22, "LEFT side: the lane above you", size=20, colour=BLUE),
         arrow(308, 13, 0, -1, BLUE),
         # A car as highway-env draws it, enlarged twice.
-        Mark("box", ((374, 11), (427, 32)), _EGO_OUTLINE),
-        Mark("box", ((376, 13), (425, 30)), _EGO_BODY),
+        LegendMark("box", ((374, 11), (427, 32)), _EGO_OUTLINE),
+        LegendMark("box", ((376, 13), (425, 30)), _EGO_BODY),
         text(438, 22, "= YOU (red after a crash), at 0 m, driving", size=20),
-        Mark("line", ((822, 22), (870, 22)), BLACK, size=4),
+        LegendMark("line", ((822, 22), (870, 22)), BLACK, size=4),
         arrow(884, 22, 1, 0, BLACK),
         text(438, 52, "dashed line: a lane beyond it; solid line: edge of the road", size=18, colour=GREY),
         text(zero, 58, "YOU", size=20, anchor="mm"),
@@ -182,21 +182,21 @@ def highway() -> View:
         text(12, floor + 108, "RIGHT side: the lane below you", size=20, colour=BLUE),
         arrow(320, floor + 117, 0, 1, BLUE),
     )
-    ruler: list[Mark] = [
+    ruler: list[LegendMark] = [
         arrow(zero, floor + 2, 0, -1, BLACK),
-        Mark("line", ((0, floor + 22), (1023, floor + 22)), BLACK),
+        LegendMark("line", ((0, floor + 22), (1023, floor + 22)), BLACK),
     ]
     for metres in range(-10, 71, 10):
         ruler += (
-            Mark("line", ((at(metres), above - 8), (at(metres), above)), BLACK),
-            Mark("line", ((at(metres), floor + 14), (at(metres), floor + 22)), BLACK),
+            LegendMark("line", ((at(metres), above - 8), (at(metres), above)), BLACK),
+            LegendMark("line", ((at(metres), floor + 14), (at(metres), floor + 22)), BLACK),
             text(at(metres), floor + 33, f"{metres} m", size=16, anchor="mm"),
         )
     close = f"CLOSE: a car ahead in your lane, its middle nearer than {CLOSE_GAP_M:g} m"
     zones = (
-        Mark("box", ((at(0), floor + 46), (at(CLOSE_GAP_M), floor + 62)), RED),
+        LegendMark("box", ((at(0), floor + 46), (at(CLOSE_GAP_M), floor + 62)), RED),
         text(at(CLOSE_GAP_M) + 8, floor + 54, close, colour=RED),
-        Mark("box", ((at(-CLEAR_BEHIND_M), floor + 72), (at(CLEAR_AHEAD_M), floor + 88)), BLUE),
+        LegendMark("box", ((at(-CLEAR_BEHIND_M), floor + 72), (at(CLEAR_AHEAD_M), floor + 88)), BLUE),
         text(at(CLEAR_AHEAD_M) + 8, floor + 80, "a side is CLEAR if its lane is empty here", colour=BLUE),
     )
     return View(
@@ -225,7 +225,7 @@ def forward(name: str, camera: ForwardView) -> View:
         """Return the row of the view in which the ground at a distance lies."""
         return _ABOVE + round(_FACTOR * (camera.horizon + camera.focal_px * camera.eye_m / metres))
 
-    marks: list[Mark] = [
+    marks: list[LegendMark] = [
         text(12, 20, "LEFT", size=22, colour=BLUE),
         arrow(76, 20, -1, 0, BLUE),
         text(width - 12, 20, "RIGHT", size=22, colour=BLUE, anchor="rm"),
@@ -239,11 +239,11 @@ def forward(name: str, camera: ForwardView) -> View:
     ):
         wide = sorted((outer, inner))
         for metres in _TICKS_M:
-            marks.append(Mark("line", ((wide[0], row(metres)), (wide[1], row(metres))), BLACK))
+            marks.append(LegendMark("line", ((wide[0], row(metres)), (wide[1], row(metres))), BLACK))
             marks.append(text(number, row(metres), f"{metres} m", size=16, anchor=anchor))
         for start, reach, colour in ((4, near.close_m, RED), (18, near.ahead_m, BLUE)):
             left = inner - start - 12 if outer < inner else inner + start
-            marks.append(Mark("box", ((left, row(reach)), (left + 11, floor - 1)), colour))
+            marks.append(LegendMark("box", ((left, row(reach)), (left + 11, floor - 1)), colour))
     close = f"CLOSE: an obstacle ahead in your lane, nearer than {near.close_m:g} m (red)"
     clear = f"a side is CLEAR if there is a lane and it is empty up to {near.ahead_m:g} m (blue)"
     marks += [

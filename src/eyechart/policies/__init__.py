@@ -37,7 +37,7 @@ class Policy(Protocol):
         """Return an action of the observation's space, or the reason there is none."""
 
 
-Recorded = Callable[[Path], Mapping[str, int]]
+RecordedActions = Callable[[Path], Mapping[str, int]]
 """Returns how often each action was decided in a run's folder; a higher layer provides it."""
 
 REFERENCES: dict[str, str] = {
@@ -66,7 +66,7 @@ def is_policy(spec: str) -> bool:
     return spec.partition(":")[0] in REFERENCES
 
 
-def open_policy(spec: str, space: Discrete, recorded: Recorded) -> Policy:
+def open_policy(spec: str, space: Discrete, recorded: RecordedActions) -> Policy:
     """Open the policy of a SPEC for these actions; the result can be sent to another process.
 
     Raises SpecError for an unknown name, and for a policy that needs other actions.

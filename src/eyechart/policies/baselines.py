@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.errors import SpecError, perhaps
-from eyechart.policies import Observation, Recorded
+from eyechart.policies import Observation, RecordedActions
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING, Decision, Missing
 
@@ -61,7 +61,7 @@ def without(missing: Missing) -> str:
     return f"no decision: {missing}"
 
 
-def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
+def constant(name: str, space: Discrete, recorded: RecordedActions) -> Constant:
     """Open ``constant:ACTION``."""
     del recorded
     if name not in space.actions:
@@ -70,7 +70,7 @@ def constant(name: str, space: Discrete, recorded: Recorded) -> Constant:
     return Constant(name)
 
 
-def marginal(name: str, space: Discrete, recorded: Recorded) -> Marginal:
+def marginal(name: str, space: Discrete, recorded: RecordedActions) -> Marginal:
     """Open ``marginal:RUN``; raises SpecError if the run has no decision of these actions."""
     if not name:
         raise SpecError(

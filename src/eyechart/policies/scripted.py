@@ -9,7 +9,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
-from eyechart.policies import Observation, Policy, Recorded, open_policy
+from eyechart.policies import Observation, Policy, RecordedActions, open_policy
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.spaces.space import Decision
@@ -92,7 +92,7 @@ class Route:
 
 
 @dataclass(frozen=True, slots=True)
-class Mirrored:
+class MirroredPolicy:
     """Decides like another policy with left and right exchanged: wrong wherever a side matters."""
 
     policy: Policy
@@ -103,6 +103,6 @@ class Mirrored:
         return Decision(observation.action_space.reflect(decision.action)) if decision.action else decision
 
 
-def mirrored(name: str, space: Discrete, recorded: Recorded) -> Mirrored:
+def mirrored(name: str, space: Discrete, recorded: RecordedActions) -> MirroredPolicy:
     """Open ``mirrored:POLICY``."""
-    return Mirrored(open_policy(name, space, recorded))
+    return MirroredPolicy(open_policy(name, space, recorded))

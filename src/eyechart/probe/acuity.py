@@ -10,10 +10,10 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from eyechart.frames import encode
-from eyechart.probe.asking import Asker, LimitReachedError
+from eyechart.probe.asker import Asker, LimitReachedError
+from eyechart.probe.picture_proof import said
 from eyechart.probe.pictures import NONE, SIDES
 from eyechart.probe.sample import plain
-from eyechart.probe.sight import said
 from eyechart.seeds import key_seed
 
 SIZE = (1024, 768)

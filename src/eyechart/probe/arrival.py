@@ -17,10 +17,10 @@ from PIL import Image
 from eyechart.calls import Query, Reply
 from eyechart.frames import media_type, size_of
 from eyechart.modes import FEWEST_TOKENS
-from eyechart.probe.asking import Asker
+from eyechart.probe.asker import Asker
+from eyechart.probe.picture_proof import AnsweredQuestion, SightAnswers, said
 from eyechart.probe.pictures import CHOICES, NONE, draw, words
 from eyechart.probe.sample import Sample, plain
-from eyechart.probe.sight import Shot, Sight, said
 from eyechart.seeds import key_seed
 
 AT_ONCE = 8
@@ -67,7 +67,7 @@ class Form(NamedTuple):
         return f"raise the server's context or limit of pixels, or {said}"
 
 
-def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, form: Form) -> Fault | None:
+def dropped(sight: SightAnswers, came: Sequence[Reply], bare: Reply, form: Form) -> Fault | None:
     """Return a fault if the server's token counts prove that it drops the run's pictures.
 
     Drawn pictures add tokens, but a prompt with a picture of the run has only those of its text.
@@ -84,7 +84,7 @@ def dropped(sight: Sight, came: Sequence[Reply], bare: Reply, form: Form) -> Fau
     )
 
 
-async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Fault | None:
+async def arrives(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) -> Fault | None:
     """Return a fault of pictures in the run's form, or of parallel calls; None without one.
 
     Makes at most `MOST_CALLS` calls. Failed calls do not count.
@@ -123,7 +123,7 @@ async def arrives(asker: Asker, sight: Sight, sample: Sample, seed: int) -> Faul
     return Fault("picture", f"{what}: {named}; run with --concurrency 1, or repair the server")
 
 
-def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> bool:
+def _flickers(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuestion]) -> bool:
     """Return whether one call names a picture that another misses, `FLICKERS` times in each order.
 
     Several servers at one address answer so, if one of them drops pictures.
@@ -134,7 +134,7 @@ def _flickers(before: Sequence[Shot], after: Sequence[Shot]) -> bool:
     return min(gone, back) >= FLICKERS
 
 
-async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
+async def reuses(asker: Asker, sight: SightAnswers, seed: int) -> Fault | None:
     """Return a fault if a prefix cache gives one picture's state to another, else None.
 
     Two calls with pictures of a new size, made only if all named colours are the first picture's.
@@ -160,7 +160,7 @@ async def reuses(asker: Asker, sight: Sight, seed: int) -> Fault | None:
     )
 
 
-async def apart(asker: Asker, sight: Sight, sample: Sample, seed: int) -> tuple[Fault | None, str]:
+async def apart(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) -> tuple[Fault | None, str]:
     """Check whether several pictures in one query arrive in order; return a fault, or a note.
 
     Makes three calls, with each camera's picture in the run's form. One colour is that of the
@@ -265,7 +265,7 @@ def _names(reply: Reply, colour: str) -> bool:
     return re.search(rf"\b{colour}\b", reply.text, re.IGNORECASE) is not None
 
 
-async def repeats(asker: Asker, sight: Sight, sample: Sample) -> str:
+async def repeats(asker: Asker, sight: SightAnswers, sample: Sample) -> str:
     """Return the count of equal repeats, called singly at temperature 0, as "5 of 5"; else ""."""
     if asker.mode.temperature != 0:
         return ""
@@ -276,13 +276,14 @@ async def repeats(asker: Asker, sight: Sight, sample: Sample) -> str:
     return f"{max(0, same - 1) + equal} of {max(0, of - 1) + max(0, len(told) - 1)}"
 
 
-def _shots(asked: Sequence[Shot], replies: Sequence[Reply]) -> list[Shot]:
+def _shots(asked: Sequence[AnsweredQuestion], replies: Sequence[Reply]) -> list[AnsweredQuestion]:
     return [
-        Shot(one.question, reply, said(one.question.kind, reply)) for one, reply in zip(asked, replies, strict=True)
+        AnsweredQuestion(one.question, reply, said(one.question.kind, reply))
+        for one, reply in zip(asked, replies, strict=True)
     ]
 
 
-def _lost(before: Sequence[Shot], after: Sequence[Shot]) -> int:
+def _lost(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuestion]) -> int:
     """Return the net loss of right answers, among calls that did not fail."""
     both = [(one.right, other.right) for one, other in zip(before, after, strict=True) if other.reply.error is None]
     return sum(one - other for one, other in both)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from eyechart.calls import Emptiness, ErrorKind, Reply, is_cut, is_empty
 from eyechart.modes import RequestMode
-from eyechart.probe.sight import Sight, picture_counts
+from eyechart.probe.picture_proof import SightAnswers, picture_counts
 from eyechart.spaces.space import ending
 
 _MODERATED = re.compile(r"content[ _-]?(?:filter|policy|management policy)|filtered|moderat", re.IGNORECASE)
@@ -29,7 +29,7 @@ _ERRORS: dict[ErrorKind, str] = {
 }
 
 
-def likely_causes(sight: Sight, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
+def likely_causes(sight: SightAnswers, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
     """Return the likely causes of a blind, inconclusive or doubtful result, the likeliest first."""
     if sight.takes_no_pictures:
         refused = next(one.reply.error_detail for one in sight.shots if one.reply.error is not None)
@@ -87,7 +87,7 @@ def _is_aside(reply: Reply) -> bool:
     return reply.finish_reason == "tool_calls" or ending(reply.finish_reason) == "filtered"
 
 
-def _beside_the_text(sight: Sight) -> list[str]:
+def _beside_the_text(sight: SightAnswers) -> list[str]:
     """Return what replaced an answer in text: calls of tools, refusals, or filtered replies."""
     came = [one.reply for one in sight.shots if one.reply.error is None]
     tools = sum(reply.finish_reason == "tool_calls" for reply in came)
@@ -113,7 +113,7 @@ def _beside_the_text(sight: Sight) -> list[str]:
     return found
 
 
-def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
+def _failures(sight: SightAnswers, mode: RequestMode) -> tuple[str, ...]:
     kinds = Counter(reply.error for reply in sight.replies if reply.error is not None)
     if not kinds:
         return (sight.cut or "no call was made",)
@@ -125,7 +125,7 @@ def _failures(sight: Sight, mode: RequestMode) -> tuple[str, ...]:
     return (f"{known} [{kind}: {detail[:600]}]",)
 
 
-def _why_blind(sight: Sight) -> list[str]:
+def _why_blind(sight: SightAnswers) -> list[str]:
     counts, adds = picture_counts(sight.image_tokens), sight.image_tokens
     found = []
     if sight.fits_first:
@@ -154,7 +154,7 @@ def _why_blind(sight: Sight) -> list[str]:
     return found
 
 
-def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
+def _why_unsaid(sight: SightAnswers, mode: RequestMode) -> list[str]:
     came = [one for one in sight.shots if one.reply.error is None]
     cut = sum(is_cut(one.reply) for one in came)
     silent = [one for one in came if one.said is None and not (is_cut(one.reply) or _is_aside(one.reply))]
@@ -182,7 +182,7 @@ def _why_unsaid(sight: Sight, mode: RequestMode) -> list[str]:
     return found
 
 
-def _why_missing(sight: Sight) -> list[str]:
+def _why_missing(sight: SightAnswers) -> list[str]:
     """Return why questions have no reply."""
     found = [] if sight.cut is None else [f"the questions ended early: {sight.cut}"]
     kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
@@ -191,7 +191,7 @@ def _why_missing(sight: Sight) -> list[str]:
     return found
 
 
-def _dependence(sight: Sight) -> str:
+def _dependence(sight: SightAnswers) -> str:
     """Return the evidence in words that the picture arrives, where the replies are no answers."""
     texts = {one.reply.text for one in sight.shots if one.reply.error is None}
     counts, adds = picture_counts(sight.image_tokens), sight.image_tokens

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from typing import Unpack
 
 from eyechart.calls import Reply, is_cut
-from eyechart.limits import Spent
-from eyechart.loops import in_own_loop
+from eyechart.event_loops import in_own_loop
+from eyechart.limits import Usage
 from eyechart.modes import RequestMode
 from eyechart.probe.acuity import MOST_CALLS as OF_ACUITY
 from eyechart.probe.acuity import NOT_ASKED, Acuity, acuity
-from eyechart.probe.asking import Asker, Asking, LimitReachedError
+from eyechart.probe.asker import Asker, LimitReachedError, ProbeOptions
 from eyechart.probe.causes import likely_causes
+from eyechart.probe.picture_proof import Outcome, SightAnswers, look
 from eyechart.probe.pictures import CHOICES
 from eyechart.probe.sample import Sample, default_sample, is_served, schema_binds
-from eyechart.probe.sight import Outcome, Sight, look
 from eyechart.records import picked, plain
 from eyechart.stats.statistic import Statistic
 
@@ -34,13 +34,13 @@ class Diagnosis:
 
     mode: RequestMode
     seed: int
-    sight: Sight
+    sight: SightAnswers
     causes: tuple[str, ...]
     schema_binds: bool | None
     schema_says: str
     budget_enough: bool | None
     budget_says: str
-    spent: Spent
+    spent: Usage
     facts: dict[str, str]
     notes: tuple[str, ...] = ()
     acuity: Acuity = NOT_ASKED
@@ -104,7 +104,7 @@ def doctor(
     mode: RequestMode,
     *,
     seed: int = 0,
-    **how: Unpack[Asking],
+    **how: Unpack[ProbeOptions],
 ) -> Diagnosis:
     """Call a model at most 28 times and return the diagnosis; raises SpecError if it does not open.
 
@@ -148,7 +148,7 @@ async def _examine(asker: Asker, seed: int) -> Diagnosis:
     )
 
 
-def _budget(sight: Sight, sample: Sample, answer: Reply, mode: RequestMode) -> tuple[bool | None, str]:
+def _budget(sight: SightAnswers, sample: Sample, answer: Reply, mode: RequestMode) -> tuple[bool | None, str]:
     """Return whether the token budget sufficed, also for the prompt 'baseline', and why."""
     came = [reply for reply in (*sight.replies, answer) if reply.error is None]
     if not came:

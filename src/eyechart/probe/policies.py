@@ -22,9 +22,9 @@ from eyechart.channels import (
 )
 from eyechart.conditions import show
 from eyechart.errors import BankError
+from eyechart.event_loops import in_own_loop
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
-from eyechart.loops import in_own_loop
-from eyechart.models import Model, Opened, ask, open_policy
+from eyechart.models import Model, OpenedModel, ask, open_policy
 from eyechart.prompts import Prompt, policy_prompt
 from eyechart.spaces.motion import Floats, Motion, MotionSpace
 from eyechart.spaces.space import Decision
@@ -49,7 +49,7 @@ second, of the given pictures' error, another form fits better."""
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class PolicyCheck:
     """One check: ``fine`` is True, False, or None (inconclusive); ``says`` gives the reason."""
 
     name: str
@@ -62,7 +62,7 @@ class PolicyDiagnosis:
     """The findings on a policy, and the count of calls."""
 
     spec: str
-    findings: tuple[Finding, ...]
+    findings: tuple[PolicyCheck, ...]
     calls: int
 
     @property
@@ -87,7 +87,7 @@ class PolicyDiagnosis:
 
 
 def examine_policy(
-    policy: str | Opened,
+    policy: str | OpenedModel,
     bank: FrameBank,
     *,
     timeout_s: float | None = None,
@@ -105,7 +105,7 @@ def examine_policy(
     if space is None:
         raise BankError(f"the bank {bank.root} declares no motion, so no answer can be compared with it")
     require_channels(spec, declared := _declared(model), bank)
-    calls = _Calls(model, _Asked(bank, space), tell)
+    calls = _ProbeCalls(model, _ProbeFrames(bank, space), tell)
     return in_own_loop(_examine(spec, calls, declared))
 
 
@@ -127,7 +127,7 @@ def _spread(frames: Sequence[Frame]) -> tuple[Frame, ...]:
     return tuple({one.id: one for one in found}.values())
 
 
-class _Asked:
+class _ProbeFrames:
     """The frames of the calls: a first one, one of another episode, and further ones."""
 
     def __init__(self, bank: FrameBank, space: MotionSpace) -> None:
@@ -235,11 +235,11 @@ _NUMBER = re.compile(r"0x[0-9a-f]+|\d+")
 
 
 @dataclass
-class _Calls:
+class _ProbeCalls:
     """Makes at most `MOST_CALLS` calls and reads the replies; ends after `ALIKE` equal failures."""
 
     model: Model
-    asked: _Asked
+    asked: _ProbeFrames
     tell: Callable[[int], None]
     replies: list[Reply] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
@@ -267,7 +267,7 @@ class _Calls:
         return self.asked.space.read(reply)
 
 
-async def _examine(spec: str, calls: _Calls, declared: tuple[str, ...]) -> PolicyDiagnosis:
+async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> PolicyDiagnosis:
     asked, model = calls.asked, calls.model
     try:
         mine, theirs = asked.of(asked.first), asked.of(asked.other)
@@ -285,23 +285,23 @@ async def _examine(spec: str, calls: _Calls, declared: tuple[str, ...]) -> Polic
         reached = list(_reached(order, changed))
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
-        findings += [Finding(name, None, alike) for name in asked.alike()]
+        findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
         findings += [_varies(asked, order, further), _unit(asked, further), _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
 
-def _motions(calls: _Calls, answers: list[Decision[Motion]]) -> Finding:
+def _motions(calls: _ProbeCalls, answers: list[Decision[Motion]]) -> PolicyCheck:
     """Check whether every call returned a motion of the bank's shape."""
     made = [one for one in answers if one is not _UNASKED]
     without = [one for one in made if one.action is None]
     if not without:
-        return Finding("motions", True, f"all {len(made)} calls returned a motion {calls.asked.space.shape}")
+        return PolicyCheck("motions", True, f"all {len(made)} calls returned a motion {calls.asked.space.shape}")
     given = f" (its inputs are {calls.asked.given})"
     errors = (f"it fails: {reply.error_detail}{given}" for reply in calls.replies if reply.error is not None)
     lacks = (calls.asked.space.lacks(reply) for reply in calls.replies)
     said = "; ".join(dict.fromkeys([*list(errors)[:1], *filter(None, lacks)]))
     end = f". No more were made: the last {ALIKE} failed in the same way" if calls.stopped else ""
-    return Finding("motions", False, f"{len(without)} of {len(made)} calls hold no motion: {said}{end}")
+    return PolicyCheck("motions", False, f"{len(without)} of {len(made)} calls hold no motion: {said}{end}")
 
 
 def _drawn(order: list[Decision[Motion]]) -> bool:
@@ -312,29 +312,29 @@ def _drawn(order: list[Decision[Motion]]) -> bool:
     return first != second and _apart(first, second) > ROUNDING * _apart(first, other)
 
 
-def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Finding:
+def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> PolicyCheck:
     """Check whether the same frame gets the same answer, also after another frame.
 
     ``varies``: answers to other frames differ. ``seeded``: the seed, equal in all calls, fixes one.
     """
     first, second, other, third = (one.action for one in order)
     if first is None or second is None or other is None or third is None:
-        return Finding("same", None, "not every repeated call returned a motion")
+        return PolicyCheck("same", None, "not every repeated call returned a motion")
     if other == second and varies:
         said = "another frame got the answer of the one before: does it answer from a queue? Declare reset"
-        return Finding("same", False, said)
+        return PolicyCheck("same", False, said)
     if max(_apart(first, one) for one in (second, third)) <= ROUNDING * _apart(first, other):
         said = "the same frame gets the same answer, also after another one"
-        return Finding("same", True, said if first == second == third else f"{said}, except for rounding")
+        return PolicyCheck("same", True, said if first == second == third else f"{said}, except for rounding")
     if first == second:
         said = "the same frame gets a different answer after another frame: it keeps a memory; declare reset"
-        return Finding("same", False, said)
+        return PolicyCheck("same", False, said)
     if seeded:
-        return Finding("same", False, "it declares seedable, but the same frame gets two answers with one seed")
-    return Finding("same", None, "the same frame gets two answers: it draws them at random, or keeps a memory")
+        return PolicyCheck("same", False, "it declares seedable, but the same frame gets two answers with one seed")
+    return PolicyCheck("same", None, "the same frame gets two answers: it draws them at random, or keeps a memory")
 
 
-def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[Finding]:
+def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[PolicyCheck]:
     """Yield a check of each channel: whether its change changes the answer, and by enough."""
     first, other, drawn = order[0].action, order[2].action, _drawn(order)
     assert first is not None
@@ -345,20 +345,20 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
         if one.action is None or drawn:
             why = "the call was not made" if one is _UNASKED else f"no motion: {one.reason}"
             why = "its answers are drawn at random, so a change shows nothing" if drawn else why
-            yield Finding(name, None, why)
+            yield PolicyCheck(name, None, why)
         elif (size := _apart(first, one.action)) <= near:
             what = {"grey": "a grey picture", "state": "another state", "instruction": "another instruction"}.get(name)
             change = "the answer by no more than rounding" if rounds else "not one bit of the answer"
             said = f"{what or 'another picture'} changes {change}: does it reach the policy?"
-            yield Finding(name, False, f"{said} Or does the policy repeat an earlier answer?")
+            yield PolicyCheck(name, False, f"{said} Or does the policy repeat an earlier answer?")
         elif size < _FAINT * whole:
             said = f"its change of the answer is {size / whole:.2g} of another frame's: it is ignored, or hardly"
-            yield Finding(name, None, f"{said} visible (a picture that is divided by 255 twice?)")
+            yield PolicyCheck(name, None, f"{said} visible (a picture that is divided by 255 twice?)")
         else:
-            yield Finding(name, True, "it reaches the policy: the answer changes with it")
+            yield PolicyCheck(name, True, "it reaches the policy: the answer changes with it")
 
 
-def _as_declared(found: Finding, declared: tuple[str, ...], others: Sequence[Finding]) -> Finding:
+def _as_declared(found: PolicyCheck, declared: tuple[str, ...], others: Sequence[PolicyCheck]) -> PolicyCheck:
     """Return the check of a channel, adjusted by whether the policy declares to read it.
 
     ``cameras`` declares all cameras, together and each. With it, a camera that has no effect while
@@ -374,22 +374,22 @@ def _as_declared(found: Finding, declared: tuple[str, ...], others: Sequence[Fin
         if found.fine or channel in declared or not channel.startswith(CAMERA) or not beside:
             return found
         said = f"{found.says.partition(':')[0]}, but one of {beside[0].name} does"
-        return Finding(
+        return PolicyCheck(
             found.name,
             None,
             f"{said}: is it meant to be read? It declares 'cameras', which means all; to read only some, declare each",
         )
     if found.fine:
         said = "it does not declare to read this, but the answer changes with it: declare it too"
-        return Finding(found.name, False, said)
-    return Finding(found.name, True, "it does not declare to read this, and the answer does not change with it")
+        return PolicyCheck(found.name, False, said)
+    return PolicyCheck(found.name, True, "it does not declare to read this, and the answer does not change with it")
 
 
 def _apart(one: Motion, other: Motion) -> float:
     return float(np.sqrt(np.mean((one.array - other.array) ** 2)))
 
 
-async def _formed(calls: _Calls, further: Mapping[str, Decision[Motion]]) -> dict[str, list[float]]:
+async def _formed(calls: _ProbeCalls, further: Mapping[str, Decision[Motion]]) -> dict[str, list[float]]:
     """Return the errors on two frames by form; other forms only if answers do not fit the log."""
     asked = calls.asked
     given = [(frame, further[frame.id].action) for frame in asked.pair]
@@ -404,11 +404,13 @@ async def _formed(calls: _Calls, further: Mapping[str, Decision[Motion]]) -> dic
     return found
 
 
-def _form(errors: Mapping[str, list[float]]) -> Finding:
+def _form(errors: Mapping[str, list[float]]) -> PolicyCheck:
     """Check whether another form of the pictures makes the answers fit the log, on two frames."""
     given = errors.get("", [])
     if len(given) < 2:
-        return Finding("pictures", None, "other forms were not tried: its answers are random, or the log is too short")
+        return PolicyCheck(
+            "pictures", None, "other forms were not tried: its answers are random, or the log is too short"
+        )
     better = {
         what: many
         for what, many in errors.items()
@@ -417,25 +419,27 @@ def _form(errors: Mapping[str, list[float]]) -> Finding:
     if better:
         what = min(better, key=lambda one: sum(better[one]))
         said = f"with {what} its error to the log is {np.mean(better[what]):.2g} instead of {np.mean(given):.2g}"
-        return Finding("pictures", False, f"{said}: do the pictures have the form of its training?")
+        return PolicyCheck("pictures", False, f"{said}: do the pictures have the form of its training?")
     if max(given) < _FITS:
-        return Finding(
+        return PolicyCheck(
             "pictures",
             True,
             f"in this form its error on {len(given)} frames is at most {max(given):.2g} of the log's variance",
         )
-    return Finding("pictures", None, "its answers do not fit the log, and no other form of the pictures changes that")
+    return PolicyCheck(
+        "pictures", None, "its answers do not fit the log, and no other form of the pictures changes that"
+    )
 
 
-def _varies(asked: _Asked, order: list[Decision[Motion]], further: Mapping[str, Decision[Motion]]) -> Finding:
+def _varies(asked: _ProbeFrames, order: list[Decision[Motion]], further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
     """Check whether answers to several frames vary, compared with the log and with repeats."""
     given = {asked.first.id: order[0], asked.other.id: order[2]} | dict(further)
     answers = [(asked.bank.frame(name), one.action.array) for name, one in given.items() if one.action is not None]
     if len(answers) < 2:
-        return Finding("constant", None, "another frame got no motion")
+        return PolicyCheck("constant", None, "another frame got no motion")
     numbers = asked.logged([frame for frame, _ in answers], np.stack([array for _, array in answers]))
     if (numbers == numbers[0]).all():
-        return Finding("constant", False, "frames of different episodes get the same answer")
+        return PolicyCheck("constant", False, "frames of different episodes get the same answer")
     logged = asked.logged(asked.logs) if asked.logs else np.zeros((0, 1, 1))
     spread = logged.std(axis=(0, 1)) if len(logged) else numbers.std(axis=(0, 1))
     units = np.where(spread > 0, spread, 1.0)
@@ -445,15 +449,15 @@ def _varies(asked: _Asked, order: list[Decision[Motion]], further: Mapping[str, 
     usual = float((logged / units).var(axis=0).mean()) if len(logged) else 0.0
     if usual and varies < _CONSTANT * usual:
         said = f"its answers to {len(answers)} frames vary {varies / usual:.2g} times as much as the log"
-        return Finding("constant", False, f"{said}: it is constant, or nearly so")
+        return PolicyCheck("constant", False, f"{said}: it is constant, or nearly so")
     if noise > _NOISY * varies:
         said = f"its answers to one frame differ {noise / varies:.2g} times as much as those to {len(answers)}"
-        return Finding("constant", None, f"{said}: noise hides whether it is constant")
+        return PolicyCheck("constant", None, f"{said}: noise hides whether it is constant")
     size = f"{varies / usual:.2g} times as much as the log" if usual else "and there is no log to compare them with"
-    return Finding("constant", True, f"its answers to {len(answers)} frames vary {size}")
+    return PolicyCheck("constant", True, f"its answers to {len(answers)} frames vary {size}")
 
 
-def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
+def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
     """Check whether the numbers have the log's size, which excludes another unit.
 
     The log is that of these frames and of the bank: a few frames may need almost no motion.
@@ -461,7 +465,7 @@ def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
     pairs = [(frame, further[frame.id].action) for frame in asked.further if frame.id in asked.kept]
     kept = [(frame, action.array) for frame, action in pairs if action is not None]
     if len(kept) < 2:
-        return Finding("unit", None, "too few logged motions to compare the answers with")
+        return PolicyCheck("unit", None, "too few logged motions to compare the answers with")
     frames = [frame for frame, _ in kept]
     answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
     logged, every = asked.logged(frames), asked.logged(asked.logs)
@@ -476,7 +480,7 @@ def _unit(asked: _Asked, further: Mapping[str, Decision[Motion]]) -> Finding:
             continue
         if np.ptp(answers[..., number]) == 0 < np.ptp(logged[..., number]):
             said = f"is '{one.name}' meant to be the same in every answer? It varies in the log"
-            return Finding("unit", False, f"{said}; a run notes that in a remark, and judges the other numbers")
+            return PolicyCheck("unit", False, f"{said}; a run notes that in a remark, and judges the other numbers")
         said = f"'{one.name}' is {sizes[number]:.2g} times as large as in the log"
-        return Finding("unit", False, f"{said}: is its normalisation skipped, or its unit different?")
-    return Finding("unit", True, f"its numbers have the log's size ({sizes.min():.2g} to {sizes.max():.2g} times)")
+        return PolicyCheck("unit", False, f"{said}: is its normalisation skipped, or its unit different?")
+    return PolicyCheck("unit", True, f"its numbers have the log's size ({sizes.min():.2g} to {sizes.max():.2g} times)")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from eyechart.calls import REFUSED, Query, Reply, is_cut
 from eyechart.frames import Stimulus
 from eyechart.modes import RequestMode
-from eyechart.probe.asking import Asker
+from eyechart.probe.asker import Asker
 from eyechart.probe.pictures import road
 from eyechart.prompts import Prompt, find_prompt
 from eyechart.records import parse_json

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from eyechart.costs import ALL, Account, Unread
+from eyechart.costs import ALL, Account, UnreadReply
 from eyechart.report.table import Cell, Column, Table, columns, number
-from eyechart.stats.guessing import Answered
+from eyechart.stats.forced_choice import ForcedChoice
 
 if TYPE_CHECKING:  # an account needs no probe
-    from eyechart.probe import Diagnosis, Found
+    from eyechart.probe import Diagnosis, ProbeResult
 
 WORDS = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say"}
 _COLOUR = {"sees": "bold green", "blind": "bold red", "cannot_say": "bold yellow"}
@@ -22,7 +22,7 @@ def doctor_table(found: "Diagnosis") -> Table:
     """Return one row per check: how often it was right with n and p, and other tests."""
     rows: list[tuple[Cell, ...]] = []
     for name, score in found.scores().items():
-        answered = score if isinstance(score, Answered) else None
+        answered = score if isinstance(score, ForcedChoice) else None
         counted, expected = (f"{answered.right} right", answered.expected) if answered else ("—", None)
         rows.append((name if name == "all questions" else f"  {name}", counted, score.n, expected, score.p))
     (same, of), adds = found.sight.same, found.sight.image_tokens
@@ -47,7 +47,7 @@ def headline(found: "Diagnosis") -> Text:
     return text.append(f": {found.because}")
 
 
-def probe_table(found: "Found") -> Table:
+def probe_table(found: "ProbeResult") -> Table:
     """Return one row per finding of a probe, with its field of the request mode."""
     mode, measured = found.mode, found.measured
     seconds = ", ".join(number(one, 2) for one in (measured.seconds, measured.seconds_min))
@@ -165,7 +165,7 @@ def _each(total: float | None, count: int) -> float | None:
     return None if total is None or not count else total / count
 
 
-def unread_table(found: Mapping[str, Sequence[Unread]]) -> Table:
+def unread_table(found: Mapping[str, Sequence[UnreadReply]]) -> Table:
     """Return one row per reply without a decision, most frequent first, with the reason."""
     rows = tuple((spec, one.count, one.missing, one.why, one.text) for spec, all_of in found.items() for one in all_of)
     named = (Column("model"), Column("replies", "count"), *columns("word", "no decision", "why"), Column("reply"))

@@ -42,7 +42,7 @@ _MOST_NAMED = 4
 
 
 @dataclass(frozen=True)
-class Said:
+class VerdictSummary:
     """The first lines about a model or policy: label, meaning, and why no stronger label.
 
     ``tone`` is one of ``GLYPHS``. ``answer`` is the outcome if the tone does not show it. ``place``
@@ -65,7 +65,7 @@ class Said:
 
 
 @dataclass(frozen=True)
-class Shot:
+class ExamplePicture:
     """A picture of an example: its caption, a data URI or why it is absent, and the answers.
 
     Each model's answer is its role (brake, proceed, other, none; good or bad if right or wrong),
@@ -91,7 +91,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Opening:
+class PageSummary:
     """The head of a page, readable in ten seconds: a sentence, the verdicts, and one picture.
 
     The picture is an example with ``shots`` that each hold an answer of every model, or a grid, or
@@ -99,15 +99,15 @@ class Opening:
     """
 
     sentence: str
-    said: Sequence[Said] = ()
+    said: Sequence[VerdictSummary] = ()
     models: Sequence[str] = ()
-    shots: Sequence[Shot] = ()
+    shots: Sequence[ExamplePicture] = ()
     grid: Grid | None = None
     figure: Drawing | None = None
     caption: str = ""
 
     @property
-    def first(self) -> Sequence[Said]:
+    def first(self) -> Sequence[VerdictSummary]:
         """Return the verdicts at the head of a page."""
         return self.said[:MOST_SAID]
 
@@ -117,7 +117,7 @@ class Opening:
         return len(self.said) - len(self.first)
 
 
-def parted(said: Sequence[Said], answers: Mapping[str, Sequence[str]], what: str) -> str:
+def parted(said: Sequence[VerdictSummary], answers: Mapping[str, Sequence[str]], what: str) -> str:
     """Return in one sentence how many of ``what`` have each answer, by name if they are few.
 
     ``answers`` are by outcome, in the order of the sentence. A second word is the preposition for a
@@ -147,7 +147,7 @@ class Section:
 
 
 def page_of(
-    question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = (), answer: Opening | None = None
+    question: str, title: str, sections: Sequence[Section], notes: Sequence[str] = (), answer: PageSummary | None = None
 ) -> Page:
     """Return a page: the question, its answer, and a list of sections."""
     html = fill(

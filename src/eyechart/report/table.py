@@ -55,7 +55,7 @@ class Mark:
     place: str = ""
 
 
-class AtMost(NamedTuple):
+class OneSidedInterval(NamedTuple):
     """An interval whose lower end bounds nothing; people see its upper end alone."""
 
     low: float
@@ -100,7 +100,7 @@ class Column:
         return str(cell) if self.kind == "count" else self._digits(self.scale * cell) + self.unit
 
     def _interval(self, cell: tuple[float, float]) -> str:
-        if isinstance(cell, AtMost):
+        if isinstance(cell, OneSidedInterval):
             return f"at most {self._digits(self.scale * cell.high)}"
         return f"[{', '.join(self._digits(self.scale * end) for end in cell)}]"
 
@@ -151,8 +151,8 @@ def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
 
 
 def ends(one: Statistic) -> tuple[float, float] | None:
-    """Return a statistic's interval, as an `AtMost` if only its upper end bounds."""
-    return AtMost(*one.ci) if isinstance(one, UpperBound) and one.ci is not None else one.ci
+    """Return a statistic's interval, as an `OneSidedInterval` if only its upper end bounds."""
+    return OneSidedInterval(*one.ci) if isinstance(one, UpperBound) and one.ci is not None else one.ci
 
 
 def level(one: Statistic) -> str:

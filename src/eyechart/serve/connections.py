@@ -50,7 +50,7 @@ class Connections:
             if len(handlers.connections) < self.most:
                 return handlers()
             refused()
-            return _Full()
+            return _RefusedConnection()
 
         return begin
 
@@ -64,7 +64,7 @@ class Connections:
                 one.force_close()
 
 
-class _Full(asyncio.Protocol):
+class _RefusedConnection(asyncio.Protocol):
     """One connection too many: it gets 503, and is closed before anything is read."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from eyechart.errors import GuardianError
 from eyechart.guardian import MOST_AT_ONCE
-from eyechart.serve.names import require_name
+from eyechart.serve.host_names import require_name
 
 
 @dataclass(frozen=True, slots=True)

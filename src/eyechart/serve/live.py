@@ -27,11 +27,11 @@ from aiohttp import web
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import EyechartError, printable
 from eyechart.integrity import ServedChecks
-from eyechart.ledger import Ledger, Sent
+from eyechart.ledger import Ledger, SentAttempt
 from eyechart.manifest import LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices
 from eyechart.serve.connections import Connections
-from eyechart.serve.names import Names
+from eyechart.serve.host_names import HostNames
 from eyechart.spaces.space import AnySpace
 from eyechart.studies import Study, study_of
 
@@ -62,7 +62,7 @@ NOTHING_FOLLOWS = "Nothing follows from this before the run is over and scored."
 
 
 @dataclass(frozen=True)
-class Answer:
+class LiveAnswer:
     """One of a model's first answers: its frame and condition, the decision read, and its text."""
 
     frame: str
@@ -72,13 +72,13 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Asked:
+class LiveModel:
     """A model's answers so far, with ``warnings`` of faults."""
 
     name: str
     account: Account
     decisions: Mapping[str, int]
-    first: tuple[Answer, ...]
+    first: tuple[LiveAnswer, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -89,7 +89,7 @@ class Asked:
 
 
 @dataclass
-class Live:
+class LiveRun:
     """A run on the page: its progress, as the run itself reports it, and its ledgers' answers.
 
     Files are read at a request for the page, after progress, and so seldom that reading takes a
@@ -103,7 +103,7 @@ class Live:
     unit: str = "calls"
     over: str = ""
     _moves: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=10_000))
-    _kept: tuple[Asked, ...] = ()
+    _kept: tuple[LiveModel, ...] = ()
     _asked: dict[Path, tuple[int, tuple[RunManifest | EpisodesManifest, AnySpace]]] = field(default_factory=dict)
     _reads: int = 0
     _spent: float = 0.0
@@ -125,7 +125,7 @@ class Live:
             return None
         return (of_late[-1][1] - of_late[0][1]) / (now - of_late[0][0])
 
-    def asked(self) -> tuple[Asked, ...]:
+    def asked(self) -> tuple[LiveModel, ...]:
         """Return each model's answers so far, by the last read of the files."""
         now, before = time.monotonic(), time.thread_time()
         within = self._reads < _EARLY or self._spent <= _SHARE * (time.process_time() - self._spent)
@@ -163,7 +163,7 @@ class Live:
                 found.append((stat.st_mtime_ns, stat.st_size))
         return tuple(found)
 
-    def _read(self) -> Iterator[Asked]:
+    def _read(self) -> Iterator[LiveModel]:
         study = study_of(self.folder)
         for part, run in study.runs(self.folder).items():
             if not (run / LEDGER).is_file():
@@ -196,7 +196,7 @@ def _shell() -> Template:
     )
 
 
-def _cost(asked: Sequence[Asked]) -> str:
+def _cost(asked: Sequence[LiveModel]) -> str:
     known = sum(one.account.cost_usd or 0.0 for one in asked)
     unknown = sum(one.account.cost_from.get("unknown", 0) for one in asked)
     if not asked or (unknown and not known):
@@ -204,7 +204,7 @@ def _cost(asked: Sequence[Asked]) -> str:
     return f"; cost so far ${known:.4f}{f', unknown of {unknown} requests' if unknown else ''}"
 
 
-def _section(one: Asked) -> str:
+def _section(one: LiveModel) -> str:
     """Return a model's part of the page; all text of models is escaped."""
     names = ("asked about", "shown", "read as", "text")
     head = "".join(f'<th scope="col">{name}</th>' for name in names)
@@ -222,8 +222,8 @@ def _section(one: Asked) -> str:
     return f"<section><h2><bdi>{escape(one.name)}</bdi></h2><p>{escape(one.words)}</p>{amiss}{table}</section>"
 
 
-def _asked(name: str, attempts: Iterator[Sent], book: Book, space: AnySpace) -> Asked:
-    served, decisions, first, empty, replies = ServedChecks(), Counter[str](), list[Answer](), 0, 0
+def _asked(name: str, attempts: Iterator[SentAttempt], book: Book, space: AnySpace) -> LiveModel:
+    served, decisions, first, empty, replies = ServedChecks(), Counter[str](), list[LiveAnswer](), 0, 0
     for one in attempts:
         book.add(one)
         served.add(one)
@@ -236,7 +236,7 @@ def _asked(name: str, attempts: Iterator[Sent], book: Book, space: AnySpace) -> 
         decisions[said] += 1
         if len(first) < FIRST:
             words = one.reply.text or one.reply.error_detail or one.reply.error or ""
-            first.append(Answer(one.key.frame, one.key.condition, said, words[:_LONGEST]))
+            first.append(LiveAnswer(one.key.frame, one.key.condition, said, words[:_LONGEST]))
     account = book.accounts()[ALL]
     amiss = [f"guard 'served': {one.because}" for one in served.guards() if one.holds is False]
     amiss += [f"{empty} of {replies} replies are empty"] if empty else []
@@ -245,15 +245,15 @@ def _asked(name: str, attempts: Iterator[Sent], book: Book, space: AnySpace) -> 
     amiss += [f"in {silent} of {account.finished} answers no decision is read"] if silent else []
     if len(decisions) == 1 and replies >= FIRST:
         amiss.append(f"all {replies} answers are the same: {next(iter(decisions))}")
-    return Asked(name, account, dict(decisions.most_common()), tuple(first), tuple(amiss))
+    return LiveModel(name, account, dict(decisions.most_common()), tuple(first), tuple(amiss))
 
 
-def application(live: Live, ended: asyncio.Event, token: str, connections: Connections) -> web.Application:
+def application(live: LiveRun, ended: asyncio.Event, token: str, connections: Connections) -> web.Application:
     """Return the application: the page at ``/TOKEN/``, and ``/TOKEN/over``, answered at the end.
 
     It answers only under this machine's own names. Without the token nothing is shown.
     """
-    names = Names()
+    names = HostNames()
 
     async def page(request: web.Request) -> web.Response:
         with connections.answering(request):
@@ -277,10 +277,10 @@ def application(live: Live, ended: asyncio.Event, token: str, connections: Conne
 
 
 @dataclass
-class _Page:
+class _PageServer:
     """The server of a page, in a thread with its own event loop: its failure ends no run."""
 
-    live: Live
+    live: LiveRun
     started: Callable[[str], None]
     failed: Callable[[str], None]
     ready: threading.Event = field(default_factory=threading.Event)
@@ -329,7 +329,7 @@ def _giving_way(begin: Callable[[], asyncio.BaseProtocol]) -> Callable[[], async
     """Return the factory of connections; it closes them if only the run's descriptors are left."""
 
     def begin_or_close() -> asyncio.BaseProtocol:
-        return begin() if _has_descriptors() else _Closed()
+        return begin() if _has_descriptors() else _ClosedConnection()
 
     return begin_or_close
 
@@ -349,7 +349,7 @@ def _has_descriptors() -> bool:
     return most == resource.RLIM_INFINITY or lowest + _KEPT < most
 
 
-class _Closed(asyncio.Protocol):
+class _ClosedConnection(asyncio.Protocol):
     """A connection that is closed at once."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -360,13 +360,13 @@ class _Closed(asyncio.Protocol):
 
 @contextmanager
 def watched(
-    live: Live, started: Callable[[str], None], failed: Callable[[str], None] = lambda _: None
+    live: LiveRun, started: Callable[[str], None], failed: Callable[[str], None] = lambda _: None
 ) -> Iterator[None]:
     """Serve the page on a free port of this machine during the block; ``started`` gets the address.
 
     No fault of the page ends the run; ``failed`` gets the reason if the page is no longer served.
     """
-    page = _Page(live, started, failed)
+    page = _PageServer(live, started, failed)
     thread = threading.Thread(target=page.run, name="eyechart-watch", daemon=True)
     try:
         thread.start()

@@ -18,10 +18,10 @@ from eyechart.errors import BankError, encodable
 from eyechart.frames import size_of
 from eyechart.guardian import Assessment, Guardian, Pictures
 from eyechart.records import picked
+from eyechart.serve.api_document import TYPES, openapi
 from eyechart.serve.connections import Connections
-from eyechart.serve.described import TYPES, openapi
+from eyechart.serve.host_names import HostNames, crosses
 from eyechart.serve.limits import ServerLimits
-from eyechart.serve.names import Names, crosses
 from eyechart.studies.guardian import VIEWS
 
 _SIGNS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
@@ -74,7 +74,7 @@ class Server:
     metrics: Metrics = field(default_factory=Metrics)
     turns: asyncio.Semaphore = field(init=False)
     decoding: ThreadPoolExecutor = field(init=False)
-    names: Names = field(default_factory=Names)
+    names: HostNames = field(default_factory=HostNames)
     ending: bool = False
     under_way: int = 0
     quiet: asyncio.Event = field(default_factory=asyncio.Event)
@@ -141,7 +141,7 @@ class Server:
             with self.connections.answering(request):
                 self._require_welcome(request)
                 response = await handler(request)
-        except _Refused as refused:
+        except _RequestRefusal as refused:
             response = self._refuse(refused)
         except web.HTTPException as raised:
             response = _json({"error": f"{raised.status} {raised.reason}: see /openapi.json"}, raised.status)
@@ -161,21 +161,21 @@ class Server:
     def _require_welcome(self, request: web.Request) -> None:
         """Refuse requests to an ending server, to another name, or from another site's page."""
         if self.ending:
-            raise _Refused(503, "the server is ending")
+            raise _RequestRefusal(503, "the server is ending")
         if (why := self.names.refuses(request.headers)) is not None:
-            raise _Refused(421, why)
+            raise _RequestRefusal(421, why)
         if request.method not in _READS and crosses(request.headers):
-            raise _Refused(403, "another site's page may not use this server")
+            raise _RequestRefusal(403, "another site's page may not use this server")
 
     async def _read(self, request: web.Request, start: float) -> bytes:
         """Read a picture's bytes within the limits of size, time and number."""
         most = self.limits.most_bytes
         self._require_picture(request)
         if (request.content_length or 0) > most:
-            raise _Refused(413, f"the picture has {request.content_length} bytes; the limit is {most}")
+            raise _RequestRefusal(413, f"the picture has {request.content_length} bytes; the limit is {most}")
         self._require_room(self._left(start))  # before it is read: refusing must stay cheap
         if self.reading >= self.limits.uploads:
-            raise _Refused(503, "too many pictures are being uploaded")
+            raise _RequestRefusal(503, "too many pictures are being uploaded")
         body = bytearray()
         self.reading += 1
         try:
@@ -183,18 +183,20 @@ class Server:
                 async for chunk in request.content.iter_any():
                     body += chunk
                     if len(body) > most:
-                        raise _Refused(413, f"the picture has more than {most} bytes")
+                        raise _RequestRefusal(413, f"the picture has more than {most} bytes")
         except TimeoutError:
             limit = self.guardian.deadline_s
-            raise _Refused(408, f"the picture did not arrive within {limit:g} s; {len(body)} bytes did") from None
+            raise _RequestRefusal(
+                408, f"the picture did not arrive within {limit:g} s; {len(body)} bytes did"
+            ) from None
         except web.RequestPayloadError:
-            raise _Refused(400, "the body cannot be read: it does not match its headers") from None
+            raise _RequestRefusal(400, "the body cannot be read: it does not match its headers") from None
         finally:
             self.reading -= 1
         if not body:
-            raise _Refused(400, "the body is empty; it must be an encoded picture, PNG or JPEG")
+            raise _RequestRefusal(400, "the body is empty; it must be an encoded picture, PNG or JPEG")
         if not body.startswith(_SIGNS):
-            raise _Refused(422, "the body is no picture: its first bytes are not those of PNG, JPEG or WebP")
+            raise _RequestRefusal(422, "the body is no picture: its first bytes are not those of PNG, JPEG or WebP")
         return bytes(body)
 
     def _require_picture(self, request: web.Request) -> None:
@@ -202,9 +204,9 @@ class Server:
         kinds, given = ", ".join(TYPES), request.headers.getall("Content-Type", [])
         if len(given) != 1 or given[0].partition(";")[0].strip().lower() not in TYPES:
             sent = f"as {encodable(given[0])[:80]}" if given else "without a Content-Type"
-            raise _Refused(415, f"a picture must be sent as one of {kinds}, not {sent}")
+            raise _RequestRefusal(415, f"a picture must be sent as one of {kinds}, not {sent}")
         if request.headers.get("Content-Encoding", "identity").lower() != "identity":
-            raise _Refused(415, "a picture must be sent without a Content-Encoding")
+            raise _RequestRefusal(415, "a picture must be sent without a Content-Encoding")
 
     async def _asked(self, picture: bytes, start: float) -> Assessment:
         """Wait for a turn, and call the guardian; refuse if too many wait, or no time is left."""
@@ -218,12 +220,12 @@ class Server:
                 pictures = await asyncio.get_running_loop().run_in_executor(self.decoding, self._shown, picture)
             left = self._left(start)
             if left < _LEAST_S:
-                raise _Refused(503, "no time is left to assess the picture")
+                raise _RequestRefusal(503, "no time is left to assess the picture")
             assessment = await self.guardian.ask_async(pictures, deadline_s=left)
         except BankError as error:
-            raise _Refused(422, f"the picture cannot be shown to a model: {error}") from None
+            raise _RequestRefusal(422, f"the picture cannot be shown to a model: {error}") from None
         except TimeoutError:
-            raise _Refused(503, "its turn did not come by the deadline") from None
+            raise _RequestRefusal(503, "its turn did not come by the deadline") from None
         else:
             self.usual_s += 0.1 * (time.perf_counter() - began - self.usual_s)
             return assessment
@@ -236,7 +238,9 @@ class Server:
         """Return the views of a picture for the models; one of too many pixels is not decoded."""
         width, height = size_of(picture, "the picture")
         if width * height > (most := self.limits.most_pixels):
-            raise _Refused(422, f"the picture has {width} × {height} pixels, {width * height}; the limit is {most}")
+            raise _RequestRefusal(
+                422, f"the picture has {width} × {height} pixels, {width * height}; the limit is {most}"
+            )
         return self.guardian.show(picture)
 
     async def close(self, app: web.Application) -> None:
@@ -248,17 +252,17 @@ class Server:
         """Refuse a picture if the queue is full, or if its turn would come after the deadline."""
         waiting = self.held - self.limits.concurrency
         if waiting >= self.limits.queue:
-            raise _Refused(503, f"{self.held} pictures wait already")
+            raise _RequestRefusal(503, f"{self.held} pictures wait already")
         rounds = 0 if waiting < 0 else waiting // self.limits.concurrency + 1
         if rounds and (rounds + 1) * self.usual_s > left_s:
-            raise _Refused(503, f"{self.held} pictures wait already, so its turn would come too late")
+            raise _RequestRefusal(503, f"{self.held} pictures wait already, so its turn would come too late")
 
     def _left(self, start: float) -> float:
         """Return the seconds that are left, minus the time of a busy machine to send an answer."""
         limit = self.guardian.deadline_s
         return max(0.0, limit - min(2 * self.lag_s, limit / 2) - (time.perf_counter() - start))
 
-    def _refuse(self, refused: "_Refused") -> web.Response:
+    def _refuse(self, refused: "_RequestRefusal") -> web.Response:
         response = _json({"error": encodable(refused.why)}, refused.status)
         if refused.status == 503:
             wait = math.ceil(self.usual_s * self.held / self.limits.concurrency)
@@ -280,7 +284,7 @@ class Server:
                 self.connections.reap(connections())
 
 
-class _Refused(Exception):  # noqa: N818 - it is an answer, not an error of the server
+class _RequestRefusal(Exception):  # noqa: N818 - it is an answer, not an error of the server
     def __init__(self, status: int, why: str) -> None:
         super().__init__(why)
         self.status, self.why = status, why

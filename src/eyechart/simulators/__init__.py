@@ -73,7 +73,7 @@ class Sketch:
 
 
 @runtime_checkable
-class Planning(Protocol):
+class ControlledDrive(Protocol):
     """A drive with a low-level controller, which can show its plan."""
 
     def sketch(self) -> Sketch:
@@ -81,7 +81,7 @@ class Planning(Protocol):
 
 
 @runtime_checkable
-class Halting(Protocol):
+class StoppableDrive(Protocol):
     """A drive that can stop by itself, for worlds in which the fail-safe action does not stop."""
 
     def halt(self) -> StepResult:
@@ -89,7 +89,7 @@ class Halting(Protocol):
 
 
 @runtime_checkable
-class HalfBlind(Protocol):
+class PartialView(Protocol):
     """A drive whose camera does not show the obstacles at its sides."""
 
     def unseen_sides(self) -> frozenset[str]:
@@ -101,7 +101,7 @@ class HalfBlind(Protocol):
 
 def execute(drive: Drive, action: str, *, decided: bool) -> StepResult:
     """Execute a decided action; without a decision, stop if the drive can, else take ``action``."""
-    return drive.halt() if isinstance(drive, Halting) and not decided else drive.step(action)
+    return drive.halt() if isinstance(drive, StoppableDrive) and not decided else drive.step(action)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -40,21 +40,21 @@ from eyechart.spaces.motion import MotionSpace
 T = TypeVar("T")
 
 MOST_SEED = 2**63 - 1
-Seen = RGB | Mapping[str, RGB]
+ShownPictures = RGB | Mapping[str, RGB]
 """The picture of the only camera, or the pictures of several cameras by name."""
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class ControlPictures:
     """Control pictures (h, w, 3) by name, and the vehicles' distances in them in the gap's unit."""
 
     pictures: Mapping[str, RGB] = field(default_factory=dict)
     distances: Mapping[str, float] = field(default_factory=dict)
 
 
-def _none(_: Draws, __: np.random.Generator) -> Drawn:
+def _none(_: Draws, __: np.random.Generator) -> ControlPictures:
     """Draw no controls."""
-    return Drawn()
+    return ControlPictures()
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +69,12 @@ class Moment:
     """
 
     truth: Mapping[str, Scalar]
-    picture: Seen
-    counterfactuals: Mapping[str, Seen]
+    picture: ShownPictures
+    counterfactuals: Mapping[str, ShownPictures]
     fields: Mapping[str, Scalar] = field(default_factory=dict)
     state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     motion: tuple[tuple[float, ...], ...] = ()
-    ranged: Callable[[Draws, np.random.Generator], Drawn] = _none
+    ranged: Callable[[Draws, np.random.Generator], ControlPictures] = _none
     distances: Mapping[str, float] = field(default_factory=dict)
     strata: Mapping[str, Scalar] = field(default_factory=dict)
 
@@ -200,7 +200,7 @@ class BankMaker(ABC):
         _require(seeds, steps)
         check_seed(controls_seed)
         made = self.open_preset(preset)
-        how = Built(preset, tuple(seeds), steps, controls_seed, made.staging(staging)[0])
+        how = BankOrigin(preset, tuple(seeds), steps, controls_seed, made.staging(staging)[0])
         manifest = BankManifest(
             simulator=declared.name,
             preset=preset,
@@ -231,7 +231,7 @@ class BankMaker(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class Built:
+class BankOrigin:
     """The settings of a build: preset, seeds and steps of episodes, and version of the staging."""
 
     preset: str
@@ -241,7 +241,9 @@ class Built:
     staging: int = DOZENS
 
 
-def frames_of(declared: Declaration, made: Preset, how: Built) -> Iterator[tuple[Frame, Seen, Mapping[str, Seen]]]:
+def frames_of(
+    declared: Declaration, made: Preset, how: BankOrigin
+) -> Iterator[tuple[Frame, ShownPictures, Mapping[str, ShownPictures]]]:
     """Yield the frames of a bank in order, each with its picture and counterfactuals by name."""
     _, moments = made.staging(how.staging)
     episodes = list(product(made.scenarios, how.seeds))
@@ -252,7 +254,7 @@ def frames_of(declared: Declaration, made: Preset, how: Built) -> Iterator[tuple
         for step, moment in enumerate(moments(scenario, seed, how.steps)):
             key = how.preset, scenario, seed, step, how.controls_seed
             rng = np.random.default_rng(key_seed(declared.name, "ranged", *key))
-            placed = Drawn({}, {} if made.span is None else moment.distances)
+            placed = ControlPictures({}, {} if made.span is None else moment.distances)
             drawn = [placed, moment.ranged(draws[_id(scenario, seed, step)], rng)]
             whole = moment if made.span is not None else replace(moment, strata={})
             yield _frame(whole, drawn, (scenario, seed, step), cameras)
@@ -263,11 +265,11 @@ def _id(scenario: str, seed: int, step: int) -> str:
 
 
 def _frame(
-    moment: Moment, drawn: Sequence[Drawn], place: tuple[str, int, int], cameras: tuple[Camera, ...]
-) -> tuple[Frame, Seen, Mapping[str, Seen]]:
+    moment: Moment, drawn: Sequence[ControlPictures], place: tuple[str, int, int], cameras: tuple[Camera, ...]
+) -> tuple[Frame, ShownPictures, Mapping[str, ShownPictures]]:
     """Return a moment as a frame, with its picture and its counterfactuals."""
     scenario, seed, step = place
-    pictures, distances = dict[str, Seen](moment.counterfactuals), dict[str, float]()
+    pictures, distances = dict[str, ShownPictures](moment.counterfactuals), dict[str, float]()
     for one in drawn:
         pictures |= one.pictures
         distances |= one.distances
@@ -335,11 +337,11 @@ def _pictured(bank: FrameBank) -> dict[str, str]:
     return {file: digest for file, digest in bank.manifest.images.items() if file not in drawn}
 
 
-def built_of(bank: FrameBank) -> Built:
+def built_of(bank: FrameBank) -> BankOrigin:
     """Return the settings of a bank's build from its manifest; raises ValueError if it has none."""
     made = bank.manifest
     told = {name: made.settings[name] for name in ("seeds", "steps", "staging") if name in made.settings}
-    return build_record(Built, {"preset": made.preset, **told, "controls_seed": made.controls.seed or 0})
+    return build_record(BankOrigin, {"preset": made.preset, **told, "controls_seed": made.controls.seed or 0})
 
 
 def _require(seeds: Sequence[int], steps: int) -> None:
@@ -360,7 +362,7 @@ def _files(folder: str, name: str, cameras: Sequence[str]) -> dict[str, str]:
     return {one: f"{folder}/{one}/{name}.png" for one in cameras}
 
 
-def encoded(picture: Seen) -> dict[str, bytes]:
+def encoded(picture: ShownPictures) -> dict[str, bytes]:
     """Return a picture as PNGs by camera."""
     by_camera = picture if isinstance(picture, Mapping) else {MAIN: picture}
     return {name: encode(one) for name, one in by_camera.items()}

@@ -46,7 +46,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Camera:
+class RoadCamera:
     """Draws a view of its road between two verges."""
 
     view: ForwardView = ROVER

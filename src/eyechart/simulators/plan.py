@@ -48,7 +48,7 @@ class Bands:
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class MomentSpec:
     """A planned moment: its gap, whether left and right are clear, and the lane from the left."""
 
     gap_m: float
@@ -69,7 +69,9 @@ class Lanes:
         return [lane for lane in self.ego if (lane > 0 or not left) and (lane < self.count - 1 or not right)]
 
 
-def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator, *, boxed: bool = False) -> list[Wish]:
+def make_plan(
+    lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator, *, boxed: bool = False
+) -> list[MomentSpec]:
     """Return one planned moment a step, in an order in which the gap has no trend.
 
     With ``boxed``, at least a sixth of an episode of twelve has no clear side.
@@ -78,7 +80,7 @@ def make_plan(lanes: Lanes, bands: Bands, steps: int, rng: np.random.Generator, 
     wishes = []
     for gap_m, sides in zip(_draw_gaps(kinds, bands, rng), _draw_sides(kinds, lanes, rng, boxed=boxed), strict=True):
         fits = lanes.fit(sides)
-        wishes.append(Wish(gap_m=gap_m, sides=sides, lane=fits[rng.integers(len(fits))]))
+        wishes.append(MomentSpec(gap_m=gap_m, sides=sides, lane=fits[rng.integers(len(fits))]))
     gaps = np.array([wish.gap_m for wish in wishes])
     while True:
         order = rng.permutation(steps)

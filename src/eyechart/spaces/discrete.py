@@ -14,14 +14,14 @@ from typing import ClassVar
 
 from eyechart.errors import SpecError, raising, read_at_most
 from eyechart.records import build, picked
-from eyechart.spaces.reader import READER, READERS, Names, read_by, spelled
+from eyechart.spaces.reader import READER, READERS, ActionNames, read_by, spelled
 from eyechart.spaces.space import (
     READ_AT_MOST,
     UNPARSED,
     Answer,
     AnySpace,
     Decision,
-    Usual,
+    SpaceDefaults,
     unanswered,
     without_thinking,
 )
@@ -34,7 +34,7 @@ _READINGS_KEPT = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Discrete(Usual):
+class Discrete(SpaceDefaults):
     """Discrete actions with the roles that the battery needs.
 
     ``mirror_pairs`` exchange under reflection; other actions are their own mirror image. ``brake``
@@ -97,13 +97,13 @@ class Discrete(Usual):
         return replace(self, reader=reader) if reader in READERS else self
 
     @property
-    def names(self) -> Names:
+    def names(self) -> ActionNames:
         """Return the names of the actions and their aliases, as read in words."""
         opposite = {
             (spelled(one).removeprefix("-"), spelled(other).removeprefix("-")) for one, other in self.mirror_pairs
         }
         sided = bool(opposite) and all(one == other for one, other in opposite)
-        return Names((*((action, action) for action in self.actions), *self.aliases), sided)
+        return ActionNames((*((action, action) for action in self.actions), *self.aliases), sided)
 
     @property
     def directional(self) -> tuple[str, ...]:
@@ -161,7 +161,7 @@ class Discrete(Usual):
     def from_dict(cls, values: object) -> "Discrete":
         """Build a space from plain values; raises SpecError that names the fault."""
         with raising(SpecError, "an action space needs name, actions, mirror_pairs, brake and proceed", of=ValueError):
-            written = build(_Written, values)
+            written = build(_SpaceFile, values)
         return cls(
             written.name,
             written.actions,
@@ -178,7 +178,7 @@ def named_actions(space: AnySpace | None, own: Discrete) -> Discrete:
 
 
 @dataclass(frozen=True, slots=True)
-class _Written:
+class _SpaceFile:
     """A space in the form of a file."""
 
     name: str

@@ -7,7 +7,7 @@ is no failure.
 import re
 from collections.abc import Iterable, Iterator
 
-from eyechart.patterns import pattern
+from eyechart.regexes import pattern
 from eyechart.spaces.space import PICTURE_ASKED_FOR
 
 _FAILURES = """

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from eyechart.errors import SpecError, perhaps, raising
 from eyechart.records import LARGEST, picked
-from eyechart.spaces.space import Answer, AnySpace, Decision, Usual, unanswered, unparsed
+from eyechart.spaces.space import Answer, AnySpace, Decision, SpaceDefaults, unanswered, unparsed
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
 """The meaning of a step's numbers: a change, a target place, a speed, or a place to pass."""
@@ -160,7 +160,7 @@ def _as_reflected(one: Dimension) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class MotionSpace(Usual):
+class MotionSpace(SpaceDefaults):
     """Motions of ``horizon`` steps at ``rate_hz`` per second, in these ``dimensions``.
 
     ``state`` describes all numbers of the state in the controller's order; empty if unknown. A

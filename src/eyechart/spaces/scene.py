@@ -19,7 +19,7 @@ from eyechart.spaces.space import (
     READ_AT_MOST,
     Answer,
     Decision,
-    Usual,
+    SpaceDefaults,
     refuses,
     thinks_behind,
     too_deep,
@@ -97,15 +97,15 @@ HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_A
 """eyechart's values, for 20 to 30 m/s and centre to centre; the paper prints only the 18 m."""
 
 
-class Other(NamedTuple):
+class OtherVehicle(NamedTuple):
     """Another vehicle or obstacle: its distance ahead and to the right, in metres."""
 
     ahead_m: float
     aside_m: float
 
-    def mirrored(self) -> "Other":
+    def mirrored(self) -> "OtherVehicle":
         """Return it in the flipped picture."""
-        return Other(self.ahead_m, -self.aside_m)
+        return OtherVehicle(self.ahead_m, -self.aside_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +202,7 @@ class Estimate:
         return json.dumps({"lead_gap_m": values.pop("gap_m"), **values})
 
 
-class Beside(NamedTuple):
+class SurroundingText(NamedTuple):
     """The other content of a reply with an estimate, without thinking.
 
     ``before`` and ``after`` surround its first and last of ``objects`` objects; ``names`` are all
@@ -226,11 +226,11 @@ class SceneDecision(Decision[Estimate]):
     """
 
     repairs: tuple[Repair, ...] = ()
-    beside: Beside | None = field(default=None, compare=False)
+    beside: SurroundingText | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
-class SceneSpace(Usual):
+class SceneSpace(SpaceDefaults):
     """A space whose actions are scene estimates; the world executes their safe action.
 
     ``distances`` are the world's. ``reader`` is the version of the reading rules, and no part of
@@ -321,7 +321,7 @@ def _read(rules: int, text: str, finish_reason: str | None, error: str | None) -
         return SceneDecision(None, "unparsed", unreadable.why)
 
 
-def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object], Beside]:
+def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object], SurroundingText]:
     """Return the one object of a text and the other content; records repairs.
 
     Raises _Unreadable if there is not exactly one.
@@ -340,7 +340,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object]
     broken += text[spans[-1][1] :].partition("{")[2:]
     if not objects or any(name in part for part in broken for name in FIELDS):
         raise _Unreadable("malformed")  # the broken estimate may correct the whole one
-    beside = Beside(
+    beside = SurroundingText(
         before=text[: spans[0][0]],
         after=text[spans[-1][1] :],
         objects=len(spans),
@@ -445,7 +445,7 @@ def _estimate(values: Mapping[str, object]) -> Estimate:
     )
 
 
-def _believed(found: Estimate, beside: Beside) -> Estimate:
+def _believed(found: Estimate, beside: SurroundingText) -> Estimate:
     if beside.failed:
         raise _Unreadable("says_error")
     return found

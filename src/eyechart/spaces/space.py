@@ -71,7 +71,7 @@ class Answer(Protocol):
         """The kind of the failure; None if a reply came."""
 
 
-class Usual(Protocol):
+class SpaceDefaults(Protocol):
     """The defaults of most spaces: models' answers, one version of rules, the same in every world.
 
     ``who`` is the subject, ``model`` or ``policy``. ``is_scene`` says that an answer is a scene
@@ -104,7 +104,7 @@ class Usual(Protocol):
         return self
 
 
-class Space(Usual, Protocol[A]):
+class Space(SpaceDefaults, Protocol[A]):
     """What an action is; statistics use it for three numbers, and know nothing else of an action.
 
     Actions are hashable. ``actions`` are the names for an answer; empty if an answer is no name.

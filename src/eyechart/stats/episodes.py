@@ -12,9 +12,9 @@ from eyechart.stats.jackknife import FEW, LEAST_EPISODES
 from eyechart.stats.statistic import Statistic, cannot_say
 
 Floats = npt.NDArray[np.float64]
-Counted = tuple[npt.ArrayLike, npt.ArrayLike]
+EpisodeCounts = tuple[npt.ArrayLike, npt.ArrayLike]
 Ends = tuple[float, float]
-Ended = tuple[float, Ends]
+BoundedValue = tuple[float, Ends]
 
 _NODES = 32
 _ANGLE = np.pi / 2 * (np.arange(_NODES) + 0.5) / _NODES
@@ -142,7 +142,7 @@ def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
     )
 
 
-def difference_over_episodes(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
+def difference_over_episodes(first: EpisodeCounts, second: EpisodeCounts, *, level: float = 0.95) -> Statistic:
     """Return how much larger one share is than another one of the same episodes, with its interval.
 
     Each share is given as hits and frames by episode, as for `share_over_episodes`. The ends are
@@ -162,7 +162,7 @@ def difference_over_episodes(first: Counted, second: Counted, *, level: float = 
     return Statistic(value, one.n, ci, method=method, level=level)
 
 
-def mean_of_shares(first: Counted, second: Counted, *, level: float = 0.95) -> Statistic:
+def mean_of_shares(first: EpisodeCounts, second: EpisodeCounts, *, level: float = 0.95) -> Statistic:
     """Return the mean of two shares, such as balanced accuracy, with a conservative interval.
 
     Each share is given as hits and frames by episode. The two may rise together, so the ends are
@@ -219,7 +219,7 @@ def median_difference(first: Statistic, second: Statistic) -> Statistic:
     return Statistic(value, n, ci, method=method, level=first.level)
 
 
-def apart(first: Ended, second: Ended) -> Ends:
+def apart(first: BoundedValue, second: BoundedValue) -> Ends:
     """Return the ends of a difference of two values with their ends, taken as independent."""
     (one, (low, high)), (other, (least, most)) = first, second
     value = one - other

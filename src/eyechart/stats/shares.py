@@ -36,7 +36,7 @@ class Share(Statistic):
 
 
 @dataclass(frozen=True, slots=True)
-class Followed(Share):
+class FollowedShare(Share):
     """How far a moved object is followed.
 
     ``smallest_p`` is the least p that the episodes allow. ``heading`` is the cosine between the
@@ -60,7 +60,7 @@ class Followed(Share):
 
 
 @dataclass(frozen=True, slots=True)
-class Misfit(Share):
+class LogDistance(Share):
     """How far motions are from logged ones.
 
     ``offset`` is the distance of the means of ``offset_of``, in spreads. ``spread`` is the ratio of

@@ -65,7 +65,7 @@ class UpperBound(Statistic):
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class ModelStatistics:
     """The statistics of one model in one place: a bank, or a simulator.
 
     ``unfinished`` describes what its run lacks; empty if nothing.

@@ -7,11 +7,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
-from eyechart.costs import ALL, Account, Unread, unread
+from eyechart.costs import ALL, Account, UnreadReply, unread
 from eyechart.errors import LedgerError, SpecError, text_file, why
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
-from eyechart.limits import Spent, added
+from eyechart.limits import Usage, added
 from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.records import parse_json, plain
@@ -25,9 +25,9 @@ if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs n
     from eyechart.gate import Gate, Terms
     from eyechart.integrity import Guard
     from eyechart.modes import RequestMode
-    from eyechart.planned import Planned
+    from eyechart.planned_run import PlannedRun
     from eyechart.report.charts import Drawing
-    from eyechart.report.page import Opening, Page
+    from eyechart.report.page import Page, PageSummary
     from eyechart.report.table import Table
     from eyechart.stats.statistic import Statistic
     from eyechart.verdicts import Label, Ruling, Verdict
@@ -43,7 +43,7 @@ class Score(Protocol):
         """Return plain JSON values."""
 
 
-class Course(Protocol):
+class CheckpointSeries(Protocol):
     """The models of several runs in training order, and what changed from each to the next."""
 
     @property
@@ -64,7 +64,7 @@ NO_DRIVES = dict.fromkeys(
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """How runs are read: what is declared of frames and replies, and the policy to compare with.
 
     Without ``driven``, the page of a run of episodes opens no world and shows no picture. ``steps``
@@ -84,14 +84,14 @@ class Reading:
 
 
 @dataclass
-class Took:
+class RunCosts:
     """The calls' cost by model and condition, the guards, and the cost of probes before the run."""
 
     accounts: dict[str, dict[str, Account]] = field(default_factory=dict)
     guards: "dict[str, tuple[Guard, ...]]" = field(default_factory=dict)
-    probes: dict[str, Spent] = field(default_factory=dict)
+    probes: dict[str, Usage] = field(default_factory=dict)
 
-    def add(self, part: str, other: "Took") -> None:
+    def add(self, part: str, other: "RunCosts") -> None:
         """Add the costs of one part of a study; a run that stands alone has the name ``""``."""
         where = f" in {part}" if part else ""
         self.accounts |= {f"{spec}{where}": found for spec, found in other.accounts.items()}
@@ -104,7 +104,7 @@ class Took:
 
 
 @dataclass(frozen=True)
-class Packed:
+class BundledRun:
     """A bundled run: name, manifest, bank, ledger, and the bank with its pictures."""
 
     name: str
@@ -115,7 +115,7 @@ class Packed:
 
 
 @dataclass(frozen=True)
-class Made:
+class StudyReport:
     """A report: its page, its tables, and lines to print."""
 
     page: "Page"
@@ -124,7 +124,7 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ModelSummary:
     """The answer of a run for one model, in a word, with the estimate that decided it.
 
     ``state`` says what keeps the answer open. ``tone`` is that of a ``Mark`` of a table; ``answer``
@@ -140,12 +140,12 @@ class Finding:
     answer: str = ""
 
     @classmethod
-    def of(cls, ruling: "Ruling", label: "Label", state: str = "", marks: Sequence[str] = ()) -> "Finding":
+    def of(cls, ruling: "Ruling", label: "Label", state: str = "", marks: Sequence[str] = ()) -> "ModelSummary":
         """Return the finding that an index shows for a ruling and its label."""
         return cls(ruling.label, label.family, ruling.decided_by, ruling.statistic, state, marks)
 
 
-NO_VERDICT = Finding("no verdict", "")
+NO_VERDICT = ModelSummary("no verdict", "")
 
 
 class Study(ABC, Generic[S]):
@@ -171,13 +171,15 @@ class Study(ABC, Generic[S]):
         """Return whether a folder is a run of this study; never raises."""
 
     @abstractmethod
-    def score(self, folder: Path, reading: Reading) -> S:
+    def score(self, folder: Path, reading: ReadOptions) -> S:
         """Score a run, finished or not.
 
         Raises LedgerError, BankError or SpecError where it cannot be scored.
         """
 
-    def plan(self, bank: Path, modes: "Sequence[RequestMode]", out: Path, *, seed: int, limit: int | None) -> "Planned":
+    def plan(
+        self, bank: Path, modes: "Sequence[RequestMode]", out: Path, *, seed: int, limit: int | None
+    ) -> "PlannedRun":
         """Plan a run of models on a bank, for a study that has no command of its own."""
         raise NotImplementedError
 
@@ -190,10 +192,10 @@ class Study(ABC, Generic[S]):
         return self.printed(score)
 
     @abstractmethod
-    def took_run(self, run: Path, prices: Prices) -> Took:
+    def took_run(self, run: Path, prices: Prices) -> RunCosts:
         """Return the costs of one run's calls, at these prices."""
 
-    def scored(self, runs: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[tuple[str, S]]:
+    def scored(self, runs: Sequence[Path], reading: ReadOptions, tell: Tell) -> Iterator[tuple[str, S]]:
         """Yield the score of each of several folders with its name."""
         for run, name in zip(runs, names_of(runs), strict=True):
             tell(f"scoring {name}")
@@ -216,14 +218,14 @@ class Study(ABC, Generic[S]):
                     sent.append(ledger.began())
         return min(filter(None, sent or said), default=min(filter(None, said), default=""))
 
-    def took(self, folder: Path, prices: Prices) -> Took:
+    def took(self, folder: Path, prices: Prices) -> RunCosts:
         """Return the costs of all runs of a folder."""
-        found = Took()
+        found = RunCosts()
         for name, run in self.runs(folder).items():
             found.add(name, self.took_run(run, prices))
         return found
 
-    def deployment(self, runs: Sequence[Path], reading: Reading) -> "Table | None":
+    def deployment(self, runs: Sequence[Path], reading: ReadOptions) -> "Table | None":
         """Return cost and time per decision, in the paper's units; None where no model was called.
 
         A model of several runs is named with its run.
@@ -251,9 +253,9 @@ class Study(ABC, Generic[S]):
     def manifest(self, run: Path) -> RunManifest | EpisodesManifest:
         """Return the manifest of one run, without its bank."""
 
-    def unread(self, folder: Path) -> dict[str, tuple[Unread, ...]]:
+    def unread(self, folder: Path) -> dict[str, tuple[UnreadReply, ...]]:
         """Return the replies of each model that hold no decision, in all runs of a folder."""
-        found: dict[str, tuple[Unread, ...]] = {}
+        found: dict[str, tuple[UnreadReply, ...]] = {}
         for name, run in self.runs(folder).items():
             manifest, space = self.asked(run)
             if (run / LEDGER).is_file():
@@ -267,7 +269,7 @@ class Study(ABC, Generic[S]):
         del score
         return {}
 
-    def findings(self, score: S) -> Mapping[str, Finding]:
+    def findings(self, score: S) -> Mapping[str, ModelSummary]:
         """Return each model's finding for an index of runs; empty for a study without verdicts."""
         del score
         return {}
@@ -284,12 +286,12 @@ class Study(ABC, Generic[S]):
         """Check a score against ``requirements``; a study without any refuses earlier."""
         raise NotImplementedError
 
-    def course(self, scores: Sequence[S], reading: Reading) -> Course | None:
+    def course(self, scores: Sequence[S], reading: ReadOptions) -> CheckpointSeries | None:
         """Return several runs as a training course; None where runs are compared one by one."""
         del scores, reading
         return None
 
-    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         """Return the report of runs, from ``printed``.
 
         Pictures, if any, are in ``banks`` or where the runs recorded them.
@@ -311,36 +313,36 @@ class Study(ABC, Generic[S]):
         page = page_of(
             self.question or f"What came of these {self.runs_are}?", title, sections, answer=self.answer(scores)
         )
-        return Made(page, [table for one in sections for table in one.tables], page.notes)
+        return StudyReport(page, [table for one in sections for table in one.tables], page.notes)
 
-    def answer(self, scores: Mapping[str, S]) -> "Opening | None":
+    def answer(self, scores: Mapping[str, S]) -> "PageSummary | None":
         """Return the opening of the report, from scores by run; None to begin with the tables."""
         del scores
         return None
 
     def paper(
-        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell
     ) -> "Iterator[Table | Drawing]":
         """Yield the paper's tables and figures that these runs determine, by the paper's labels."""
         del runs, banks, reading, tell
         yield from ()
 
-    def require_scorable(self, run: Path, reading: Reading) -> None:
+    def require_scorable(self, run: Path, reading: ReadOptions) -> None:
         """Raise LedgerError or SpecError where a run may not be bundled under this reading."""
         raise NotImplementedError
 
-    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[S, Made]:
+    def derive(self, run: BundledRun, reading: ReadOptions, tell: Tell) -> tuple[S, StudyReport]:
         """Return the score and the report of a run whose bank is in the bundle."""
         raise NotImplementedError
 
-    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[S, Made]:
+    def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[S, StudyReport]:
         """Return score and report of a bundled run of episodes, or of a folder of several runs."""
         raise NotImplementedError
 
 
 STUDIES: dict[str, str] = {
     "battery": "eyechart.studies.battery.study:BatteryStudy",
-    "structured": "eyechart.studies.structured.study:Structured",
+    "structured": "eyechart.studies.structured.study:StructuredStudy",
     "online": "eyechart.studies.structured.study:OnlineStudy",
     "closed_loop": "eyechart.studies.closed_loop.study:ClosedLoop",
     "hierarchy": "eyechart.studies.hierarchy.study:Hierarchy",

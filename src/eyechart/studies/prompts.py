@@ -17,29 +17,29 @@ import numpy as np
 from eyechart.costs import ALL, Account
 from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.integrity import Guard, unfinished
-from eyechart.limits import Outcome
+from eyechart.limits import RunOutcome
 from eyechart.manifest import is_run
-from eyechart.models import Opened
+from eyechart.models import OpenedModel
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
-from eyechart.planned import Allowed, Bar, Ending, Planned, calls_ended, empty, forecast, moving
+from eyechart.planned_run import Bar, PlannedRun, RunAllowance, RunEnding, calls_ended, empty, forecast, moving
 from eyechart.prompts import PROMPTS
-from eyechart.records import Written
+from eyechart.records import KeyedRecord
 from eyechart.report.accounts import costs_table
 from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, estimate, marked, number, p_value, stacked
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
-from eyechart.stats.resampling import holm
-from eyechart.stats.statistic import Measured, Statistic, cannot_say
-from eyechart.studies import NO_DRIVES, Finding, Made, Reading, Tell, battery, run_json
-from eyechart.studies.battery import OfFrames
-from eyechart.studies.probed import beside
+from eyechart.stats.resamples import holm
+from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.studies import NO_DRIVES, ModelSummary, ReadOptions, StudyReport, Tell, battery, run_json
+from eyechart.studies.battery import FrameStudy
+from eyechart.studies.probes import beside
 from eyechart.verdicts.labels import PROMPTED, Label
 from eyechart.verdicts.rules import Axis, Rule, compared, p_below
 
 if TYPE_CHECKING:
     from eyechart.probe import Sample
-    from eyechart.report.page import Grid, Opening
+    from eyechart.report.page import Grid, PageSummary
 
 FRAMES = 100
 """Frames per cell, each shown real and blank: the paper's 100 queries and the same 100 blank."""
@@ -57,7 +57,7 @@ DEPENDENCE = ("mutual_information", "obstacle", "cramers_v_real_blank")
 
 
 @dataclass(frozen=True)
-class PromptStudy(Planned):
+class PromptStudy(PlannedRun):
     """A prompt study, planned but not yet run: one battery per cell, by the name of its folder."""
 
     cells: Mapping[str, battery.Battery]
@@ -72,7 +72,7 @@ class PromptStudy(Planned):
         """Return a sample of the cells' queries, with the prompt of each."""
         return battery.sample_of(self.cells.values())
 
-    def lines(self, how: Allowed) -> Iterator[str]:
+    def lines(self, how: RunAllowance) -> Iterator[str]:
         """Yield how many cells and calls there are, and the expected cost of each cell."""
         calls, finished, unknown = self.counts()
         more = sum(sum(cell.more_by_model().values()) for cell in self.cells.values())
@@ -85,7 +85,7 @@ class PromptStudy(Planned):
                 yield f"{name}: {one.words}"
         yield from forecast(self.keeper.manifest, self.keeper.models, (), how)
 
-    def make(self, how: Allowed, bar: Bar) -> Outcome:
+    def make(self, how: RunAllowance, bar: Bar) -> RunOutcome:
         """Make the remaining calls, cell after cell, within limits for all cells together.
 
         Returns the models set aside in any cell, and the limit that stopped the run, if one did.
@@ -107,11 +107,11 @@ class PromptStudy(Planned):
                     bounds = {"--max-calls": how.max_calls, "--max-cost": how.max_cost}
                     words = " and ".join(f"{option} {one:g}" for option, one in bounds.items() if one is not None)
                     stopped = f"in cell {name}, within {words} for all cells"
-                    return Outcome(set_aside, stopped, uncounted, lasting=lasting)
+                    return RunOutcome(set_aside, stopped, uncounted, lasting=lasting)
                 start += planned[name]
-        return Outcome(set_aside, None, uncounted, lasting=lasting)
+        return RunOutcome(set_aside, None, uncounted, lasting=lasting)
 
-    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+    def ends(self, outcome: RunOutcome, failed: Mapping[str, str]) -> Iterator[RunEnding]:
         """Yield how the calls ended, and which models gave empty replies."""
         calls, finished, _ = self.counts()
         yield calls_ended(outcome, failed, calls - finished)
@@ -130,12 +130,12 @@ class Factor:
     max_tokens: int | None = None
     structured: str | None = None
 
-    def applied(self, mode: RequestMode | Opened) -> RequestMode | Opened:
+    def applied(self, mode: RequestMode | OpenedModel) -> RequestMode | OpenedModel:
         """Return a model's mode under this setting, without token and time measurements.
 
         A model that is already open keeps its mode.
         """
-        if isinstance(mode, Opened):
+        if isinstance(mode, OpenedModel):
             return mode
         changed = {name: value for name in self.__slots__ if (value := getattr(self, name)) is not None}
         tokens = ("completion_tokens", "completion_tokens_max", "reasoning_tokens")
@@ -151,7 +151,7 @@ class Factor:
 
 def plan(
     bank_path: Path,
-    specs: Sequence[str | RequestMode | Opened],
+    specs: Sequence[str | RequestMode | OpenedModel],
     out: Path,
     *,
     prompts: Sequence[str] = tuple(PROMPTS),
@@ -181,7 +181,7 @@ def plan(
                 prompt=prompt,
                 conditions=conditions,
                 seed=seed,
-                extent=battery.Extent(limit),
+                extent=battery.BatterySelection(limit),
             )
     if not cells:
         raise SpecError("a prompt study needs at least one prompt, see 'eyechart list prompts'")
@@ -234,19 +234,19 @@ def run(
     prices: Prices | None = None,
     progress: Progress | None = None,
     **how: Any,  # noqa: ANN401 - those of Allowed
-) -> Outcome:
+) -> RunOutcome:
     """Make the remaining calls, cell after cell; run it again to resume a cut study.
 
     ``calls`` and ``cost_usd`` limit the requests and the cost of all cells together, earlier days
     included. With ``again``, each cell first repeats its calls that failed in transport.
     ``sequential`` is that of `battery.run`.
     """
-    allowed = Allowed(prices or read_prices(), max_calls=calls, max_cost=cost_usd, **how)
+    allowed = RunAllowance(prices or read_prices(), max_calls=calls, max_cost=cost_usd, **how)
     return study.make(allowed, moving(progress))
 
 
 @dataclass(frozen=True)
-class CellScore(Written):
+class CellScore(KeyedRecord):
     """One model under one prompt and setting. ``holm`` maps a test to its p over the model's cells.
 
     ``took`` is the cost of its calls; ``guards`` say whether the calls can be relied on.
@@ -408,7 +408,7 @@ class PromptsScore:
     cells: tuple[CellScore, ...]
     batteries: Mapping[str, battery.BatteryScore]
 
-    def measured(self) -> tuple[Measured, ...]:
+    def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the statistics of every model under every prompt and setting."""
         return tuple(
             replace(each, where=f"{each.where} under {name}")
@@ -435,7 +435,7 @@ _GRID = "Bits of the answer about the gap. ● significant; ◐ only a picture f
 
 
 @dataclass(frozen=True)
-class Held:
+class PromptSensitivity:
     """One model under every prompt, and the prompts under which its answers depend on the gap."""
 
     model: str
@@ -520,16 +520,16 @@ def listed(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
-def by_model(cells: Sequence[CellScore]) -> list[Held]:
+def by_model(cells: Sequence[CellScore]) -> list[PromptSensitivity]:
     """Return the cells of each model together."""
     models = dict.fromkeys(one.model for one in cells)
-    return [Held(spec, tuple(one for one in cells if one.model == spec)) for spec in models]
+    return [PromptSensitivity(spec, tuple(one for one in cells if one.model == spec)) for spec in models]
 
 
 _CELLS = "is a prompt study, with one run per cell: name a cell, as RUN/CELL"
 
 
-def _sentence(everyone: Mapping[str, Held]) -> str:
+def _sentence(everyone: Mapping[str, PromptSensitivity]) -> str:
     """Return in one sentence under which prompts each model looks; for many models, only counts."""
     if len(everyone) <= _MOST_LISTED:
         return "; ".join(f"{who}: {one.label}" for who, one in everyone.items()) + "."
@@ -544,7 +544,7 @@ def _sentence(everyone: Mapping[str, Held]) -> str:
     return f"Of {len(tones)} models look {'; '.join(parts)}."
 
 
-def _grid(everyone: Mapping[str, Held]) -> "Grid":
+def _grid(everyone: Mapping[str, PromptSensitivity]) -> "Grid":
     """Return a grid of prompts and models: each cell's information about the gap."""
     from eyechart.report.page import Grid  # noqa: PLC0415 - a score needs no templates
 
@@ -560,7 +560,7 @@ def _told(cell: CellScore) -> tuple[str, str, str]:
     return cell.label.family, number(cell.statistics["mutual_information"].value, 2), cell.label.says
 
 
-class Prompts(OfFrames[PromptsScore]):
+class Prompts(FrameStudy[PromptsScore]):
     """One battery per prompt and setting, each in a folder of its own."""
 
     names = ()
@@ -580,7 +580,7 @@ class Prompts(OfFrames[PromptsScore]):
         """Return the cells."""
         return {cell.name: cell for cell in _asked_in(folder)}
 
-    def score(self, folder: Path, reading: Reading) -> PromptsScore:
+    def score(self, folder: Path, reading: ReadOptions) -> PromptsScore:
         """Score every cell."""
         found = _batteries(folder, reread=reading.reread, resamples=reading.resamples)
         if (prices := reading.prices) is not None:
@@ -588,11 +588,11 @@ class Prompts(OfFrames[PromptsScore]):
             found = {name: replace(one, accounting=priced[name]) for name, one in found.items()}
         return PromptsScore(_of_batteries(found), found)
 
-    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[PromptsScore, Made]:
+    def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[PromptsScore, StudyReport]:
         """Return the score and the report of a bundled study."""
         return self.score(folder, reading), self.report([folder], [], reading, tell)
 
-    def findings(self, score: PromptsScore) -> Mapping[str, Finding]:
+    def findings(self, score: PromptsScore) -> Mapping[str, ModelSummary]:
         """Return under which prompts each model looks, by the cell with the smallest p."""
         found = {}
         for one in by_model(score.cells):
@@ -600,12 +600,14 @@ class Prompts(OfFrames[PromptsScore]):
             label = one.label if one.label.startswith("under") else f"under {one.label}"
             state = next((cell.state for cell in one.cells if cell.state), "")
             estimated = one.best.statistics["mutual_information"]
-            found[one.model] = Finding(f"looks {label}", one.tone, by, estimated, state, tuple(dict.fromkeys(marks)))
+            found[one.model] = ModelSummary(
+                f"looks {label}", one.tone, by, estimated, state, tuple(dict.fromkeys(marks))
+            )
         return found
 
-    def answer(self, scores: Mapping[str, PromptsScore]) -> "Opening":
+    def answer(self, scores: Mapping[str, PromptsScore]) -> "PageSummary":
         """Return under which prompts each model looks, and a grid of models and prompts."""
-        from eyechart.report.page import MOST_SAID, Opening, Said  # noqa: PLC0415 - a score needs no templates
+        from eyechart.report.page import MOST_SAID, PageSummary, VerdictSummary  # noqa: PLC0415 - a score needs no templates
 
         everyone = {
             f"{name} · {one.model}" if len(scores) > 1 else one.model: one
@@ -616,12 +618,12 @@ class Prompts(OfFrames[PromptsScore]):
         for who, one in everyone.items():
             state = next((cell.state for cell in one.cells if cell.state), "")
             beware = "not to be relied on" if any(cell.marks for cell in one.cells) else state
-            said.append(Said(who, one.label, one.tone, one.words, one.why_not, "part-1", beware))
+            said.append(VerdictSummary(who, one.label, one.tone, one.words, one.why_not, "part-1", beware))
         shown = dict(list(everyone.items())[:MOST_SAID])
         more = f" {len(everyone) - len(shown)} more models stand below." if len(everyone) > len(shown) else ""
-        return Opening(_sentence(everyone), said, grid=_grid(shown), caption=f"{_GRID}.{more}")
+        return PageSummary(_sentence(everyone), said, grid=_grid(shown), caption=f"{_GRID}.{more}")
 
-    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Iterator[Table]:
+    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> Iterator[Table]:
         """Yield Table t:prompts of all studies."""
         del banks
         yield paper_table({name: one.cells for name, one in self.scored(runs, reading, tell)})

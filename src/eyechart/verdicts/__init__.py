@@ -4,9 +4,9 @@ Two sets of rules stand side by side: the paper's, as we read them, and the cali
 docs/decisions/battery.md.
 """
 
-from eyechart.verdicts.calibrated import calibrated_rules, controls_wanted, earns_lateral, lateral_rules
-from eyechart.verdicts.early import FORECAST_ALPHA, GUARANTEE, PREFIX, VALIDITY, Stopped
-from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
+from eyechart.verdicts.battery_rules import calibrated_rules, controls_wanted, earns_lateral, lateral_rules
+from eyechart.verdicts.early_verdicts import FORECAST_ALPHA, GUARANTEE, PREFIX, VALIDITY, StoppingPoint
+from eyechart.verdicts.evidence import DECIDED, Evidence, ScoredRun
 from eyechart.verdicts.labels import (
     ABSENCES,
     ALPHA,
@@ -47,8 +47,8 @@ __all__ = [
     "Evidence",
     "Label",
     "Ruling",
-    "Scored",
-    "Stopped",
+    "ScoredRun",
+    "StoppingPoint",
     "Verdict",
     "calibrated_rules",
     "controls_wanted",

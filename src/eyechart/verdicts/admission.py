@@ -6,7 +6,7 @@ Source: paper, section Constructive renderer-calibrated controller.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from eyechart.records import Written
+from eyechart.records import KeyedRecord
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.rules import Axis, Clause, Rule, compared, there
 
@@ -37,7 +37,7 @@ ADMITS = Axis(
 
 
 @dataclass(frozen=True, slots=True)
-class Held(Written):
+class ClauseResult(KeyedRecord):
     """A clause and the statistic that it reads of a model."""
 
     written = "clause=name least statistic.value statistic.n statistic.ci outcome"
@@ -74,6 +74,6 @@ class Held(Written):
         return f"{one.value:.{3 if least < 1 else 0}f}, at least {least:g} (n = {one.n})"
 
 
-def hold(statistics: Mapping[str, Statistic]) -> tuple[Held, ...]:
+def hold(statistics: Mapping[str, Statistic]) -> tuple[ClauseResult, ...]:
     """Hold every clause against a model's statistics."""
-    return tuple(Held(clause, statistics[name]) for name, clause in CLAUSES.items())
+    return tuple(ClauseResult(clause, statistics[name]) for name, clause in CLAUSES.items())

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from eyechart.conditions import OLDER, RANGED
 from eyechart.stats.order import Rise
-from eyechart.stats.paired import Place, Places
+from eyechart.stats.paired_tests import Place, Places
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import (
     ALPHA,
@@ -29,7 +29,7 @@ from eyechart.verdicts.labels import (
     THIRD_REFUTED,
     UNPARSED_CUT,
 )
-from eyechart.verdicts.rules import WORDS, Clause, Found, Reading, Rule, compared, p_below, p_from, word
+from eyechart.verdicts.rules import WORDS, Clause, NamedStatistics, Reading, Rule, compared, p_below, p_from, word
 
 STAGE = RANGED
 """What a model is asked that brakes harder for the near lead: one stage, shuffled."""
@@ -186,23 +186,23 @@ UNSHOWN = (*SHOWN, NO_RISE, NO_OPEN_PLACE, NO_FILE)
 _HOLDS = (*SHOWN, *REFUTING, NO_FILE)
 
 
-def is_drawn(found: Found) -> bool:
+def is_drawn(found: NamedStatistics) -> bool:
     """Return whether pictures were answered in which the lead is drawn along its range."""
     return "sensitivity" in found and found["sensitivity"].n > 0
 
 
-def is_refuted(found: Found) -> bool:
+def is_refuted(found: NamedStatistics) -> bool:
     """Return whether a model brakes harder for the nearer lead, and not by distance."""
     return MOVED.holds(found) is True and any(clause.holds(found) is False for clause in REFUTING)
 
 
-def holes(found: Found) -> tuple[Place, ...]:
+def holes(found: NamedStatistics) -> tuple[Place, ...]:
     """Return the places in which braking does not answer to the lead."""
     one = found["holes"]
     return one.places if isinstance(one, Places) else ()
 
 
-def open_kinds(found: Found) -> Iterator[str]:
+def open_kinds(found: NamedStatistics) -> Iterator[str]:
     """Yield in words what is not excluded: kinds of pairs, thirds of the range, and places."""
     for kind, clause in zip(KINDS, NAMED, strict=True):
         if not clause.holds(found):
@@ -215,7 +215,7 @@ def open_kinds(found: Found) -> Iterator[str]:
         yield f"that its braking does not answer {place.where}"
 
 
-def bound(found: Found) -> str:
+def bound(found: NamedStatistics) -> str:
     """Return in words how many comparisons come out the wrong way round at most."""
     ends = found["order"].ci
     most = 100 if ends is None else math.ceil(100 * ends[1] - 1e-9)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from eyechart.integrity import Guard
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.early import Stopped
+from eyechart.verdicts.early_verdicts import StoppingPoint
 
 DECIDED = "decision"
 """Replies with a decision are counted under this word, others under their reason."""
@@ -36,7 +36,7 @@ class Evidence:
     scenarios: int = 0
     max_tokens: int = 0
     scope: str = ""
-    stopped: Stopped | None = None
+    stopped: StoppingPoint | None = None
     absent: tuple[str, ...] = ()
     part: bool = False
     bank: str = "BANK"
@@ -58,7 +58,7 @@ class Evidence:
         return {reason: count for reason, count in sorted(found.items()) if reason != DECIDED}
 
 
-class Scored(Protocol):
+class ScoredRun(Protocol):
     """A scored run whose models can be judged."""
 
     def evidence(self) -> Mapping[str, Evidence]:

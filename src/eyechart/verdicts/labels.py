@@ -218,7 +218,7 @@ PROMPTED: dict[str, Label] = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Use(Label):
+class UseLabel(Label):
     """One label of an axis of a policy, or a guard in its place.
 
     ``rank`` is its place in the order of its axis: 0 says that nothing of the channel is used, None
@@ -239,30 +239,32 @@ class Use(Label):
         return self.rank == 0
 
 
-CAMERA: dict[str, Use] = {
-    "object_grounded": Use(
+CAMERA: dict[str, UseLabel] = {
+    "object_grounded": UseLabel(
         "It goes where the object that it is told to reach goes in the picture.",
         "sees",
         meets=("camera_content",),
         answer="Yes",
         rank=4,
     ),
-    "camera_content": Use("What the picture shows decides, beyond what the state tells.", "sees", answer="Yes", rank=3),
-    "pose_only": Use(
+    "camera_content": UseLabel(
+        "What the picture shows decides, beyond what the state tells.", "sees", answer="Yes", rank=3
+    ),
+    "pose_only": UseLabel(
         "Of the picture it uses only what its own state tells as well.",
         "partly",
         answer="In part",
         rank=2,
         advice="train with objects in more places: what it sees now tells it only where its own arm is.",
     ),
-    "camera_presence": Use(
+    "camera_presence": UseLabel(
         "It matters that there is a picture, not what it shows.",
         "partly",
         answer="No",
         rank=1,
         advice="train with pictures that differ where the action does.",
     ),
-    "ignores_camera": Use(
+    "ignores_camera": UseLabel(
         "The picture could be another episode's, or none, and hardly anything would change.",
         "blind",
         answer="No",
@@ -270,53 +272,53 @@ CAMERA: dict[str, Use] = {
         advice="ask 'eyechart doctor SPEC --frames {bank}' whether the picture reaches it; if so, train where the "
         "state alone does not tell what to do.",
     ),
-    "undecided": Use("The run does not settle what the picture is used for.", otherwise="cannot say"),
+    "undecided": UseLabel("The run does not settle what the picture is used for.", otherwise="cannot say"),
 }
 """The labels of the cameras of a policy, the strongest first."""
 
-STATE: dict[str, Use] = {
-    "state_shortcut": Use(
+STATE: dict[str, UseLabel] = {
+    "state_shortcut": UseLabel(
         "Its state is used, and its cameras are ignored.",
         "blind",
         rank=1,
         advice="take from its state what tells where the object is, or train with that number at random.",
     ),
-    "state_used": Use("Its state is used.", rank=1),
-    "ignores_state": Use("Its state could be another episode's, and hardly anything would change.", rank=0),
-    "undecided": Use("The run does not settle whether the state is used.", otherwise="cannot say"),
+    "state_used": UseLabel("Its state is used.", rank=1),
+    "ignores_state": UseLabel("Its state could be another episode's, and hardly anything would change.", rank=0),
+    "undecided": UseLabel("The run does not settle whether the state is used.", otherwise="cannot say"),
 }
 """The labels of the state of a policy."""
 
-INSTRUCTION: dict[str, Use] = {
-    "instruction_followed": Use("What it is told changes what it does.", "sees", rank=1),
-    "instruction_ignored": Use(
+INSTRUCTION: dict[str, UseLabel] = {
+    "instruction_followed": UseLabel("What it is told changes what it does.", "sees", rank=1),
+    "instruction_ignored": UseLabel(
         "It could be told something else, and hardly anything would change.",
         "blind",
         rank=0,
         advice="train with several instructions in one scene, so that the picture does not tell the task.",
     ),
-    "no_power": Use("On this bank it cannot be told something else.", otherwise="cannot say"),
-    "undecided": Use("The run does not settle whether the instruction is followed.", otherwise="cannot say"),
+    "no_power": UseLabel("On this bank it cannot be told something else.", otherwise="cannot say"),
+    "undecided": UseLabel("The run does not settle whether the instruction is followed.", otherwise="cannot say"),
 }
 """The labels of the instruction of a policy."""
 
-USES: dict[str, Use] = CAMERA | STATE | INSTRUCTION
+USES: dict[str, UseLabel] = CAMERA | STATE | INSTRUCTION
 """Every label of a policy by its name; axes share the names of labels that say nothing."""
 
-GUARDS: dict[str, Use] = {
-    "not_scorable": Use(
+GUARDS: dict[str, UseLabel] = {
+    "not_scorable": UseLabel(
         "too few of its calls came back with a motion",
         advice="call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",
     ),
-    "misfit": Use(
+    "misfit": UseLabel(
         "its answers have other means or spreads than the logged motions, and fit worse than their mean does",
         advice="compare the means and spreads of its answers with the log's: un-normalise, or declare the unit.",
     ),
-    "constant": Use(
+    "constant": UseLabel(
         "its answers hardly vary",
         advice="look at what reaches it: an input that is always the same, or an output that is scaled away.",
     ),
-    "self_inconsistent": Use(
+    "self_inconsistent": UseLabel(
         "its answers to one moment differ more than to different moments, or with the call before",
         advice="empty its queue and its history before every call (reset), or give it a seed.",
     ),

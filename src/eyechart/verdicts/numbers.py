@@ -6,7 +6,7 @@ from typing import Literal
 
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.depth import NAMED, NO_FILE, REFUTING, SHOWN, is_drawn
-from eyechart.verdicts.rules import Clause, Found
+from eyechart.verdicts.rules import Clause, NamedStatistics
 from eyechart.verdicts.ruling import figures
 
 Outcome = Literal["holds", "not shown", "fails", "not tested"]
@@ -43,7 +43,7 @@ FIRST = ("sensitivity", "specificity", "order", "rise", "file")
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class DepthNumber:
     """One number that depth rests on; ``needs`` and ``refuted_by`` are its thresholds in words."""
 
     name: str
@@ -67,12 +67,12 @@ class Number:
         return f"{figures(one)}: {SIGNS[self.outcome]} {self.outcome} ({self.threshold})"
 
 
-def numbers_of(found: Found) -> tuple[Number, ...]:
+def numbers_of(found: NamedStatistics) -> tuple[DepthNumber, ...]:
     """Return the numbers of a run, none without pictures of the lead along its range."""
     if not is_drawn(found):
         return ()
     return tuple(
-        Number(name, asks, needs_of(name), refuted_by(name), found[name], _outcome(found, name))
+        DepthNumber(name, asks, needs_of(name), refuted_by(name), found[name], _outcome(found, name))
         for name, asks in {**ASKS, **BESIDE}.items()
     )
 
@@ -96,7 +96,7 @@ def refuted_by(name: str) -> str:
     return "; or ".join(" and ".join(str(~reading) for reading in clause.readings) for clause in refuting)
 
 
-def _outcome(found: Found, name: str) -> Outcome:
+def _outcome(found: NamedStatistics, name: str) -> Outcome:
     """Return what came of a statistic: refuted first, then not tested, then not shown."""
     shown, refuting = _clauses_of(name)
     if any(clause.outcome(found) is False for clause in refuting):

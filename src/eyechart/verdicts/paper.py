@@ -9,7 +9,7 @@ from eyechart.stats.association import Association
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.evidence import DECIDED, Evidence
 from eyechart.verdicts.labels import MARGIN, SWAP_RATE
-from eyechart.verdicts.rules import Axis, Found, Rule, compared, missing, p_below, p_from
+from eyechart.verdicts.rules import Axis, NamedStatistics, Rule, compared, missing, p_below, p_from
 from eyechart.verdicts.ruling import Ruling, and_p, figures, number
 
 PAPER_ALPHA = 0.05
@@ -65,7 +65,7 @@ PAPER = Axis(
 """The paper's labels, by its rules as we read them."""
 
 
-def paper_rules(found: Found, corrected: Mapping[str, float | None]) -> Ruling:
+def paper_rules(found: NamedStatistics, corrected: Mapping[str, float | None]) -> Ruling:
     """Return the paper's label; ``corrected`` holds the p of Cramér's V, corrected over the models.
 
     A refusal effect compares a model with itself, so that its decision level is not corrected.
@@ -114,7 +114,7 @@ def _refusal(evidence: Evidence) -> list[str]:
     return [f"refusal effect: the picture decides whether it answers, not what it answers: {says}"]
 
 
-def _noise(found: Found) -> list[str]:
+def _noise(found: NamedStatistics) -> list[str]:
     """Point out a dependence that the paper's flag takes for noise."""
     floor, idi, association = found["noise_floor"], found["idi"], found["cramers_v"]
     if found["clears_floor"].value != 0.0 or not floor.value or not idi.value:
@@ -127,7 +127,7 @@ def _noise(found: Found) -> list[str]:
     return [f"noise floor: {repeats}: {flag}: {says}"]
 
 
-def _image_token(found: Found) -> list[str]:
+def _image_token(found: NamedStatistics) -> list[str]:
     """Point out that a picture's presence decides much more than what it shows."""
     more = found["image_token.decision"]
     if more.value is None or more.ci is None or more.ci[0] <= MARGIN:

@@ -10,11 +10,11 @@ from string import Formatter
 from typing import Any
 
 from eyechart.stats.evalues import EValue
-from eyechart.stats.resampling import holm
+from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.ruling import Ruling, number
 
-Found = Mapping[str, Statistic]
+NamedStatistics = Mapping[str, Statistic]
 """A model's statistics by name."""
 
 _COMPARED: Mapping[str, Callable[[float, float], bool]] = {
@@ -100,7 +100,7 @@ class Clause:
     untested: bool | None = None
     conditions: tuple[str, ...] = ()
 
-    def read(self, found: Found) -> Statistic:
+    def read(self, found: NamedStatistics) -> Statistic:
         """Return its statistic, with the p that it reads."""
         one = found[self.statistic]
         if not self.family:
@@ -108,17 +108,17 @@ class Clause:
         corrected = holm([found[name].p for name in self.family])
         return replace(one, p=dict(zip(self.family, corrected, strict=True))[self.statistic])
 
-    def outcome(self, found: Found) -> bool | None:
+    def outcome(self, found: NamedStatistics) -> bool | None:
         """Return whether it holds, None where it was not tested."""
         one = self.read(found)
         said = {reading.of(one) for reading in self.readings}
         return True if True in said else None if None in said else False
 
-    def is_settled(self, found: Found) -> bool:
+    def is_settled(self, found: NamedStatistics) -> bool:
         """Return whether it holds of an e-value."""
         return isinstance(found[self.statistic], EValue) and self.outcome(found) is True
 
-    def holds(self, found: Found) -> bool | None:
+    def holds(self, found: NamedStatistics) -> bool | None:
         """Return the outcome as a rule takes it."""
         said = self.outcome(found)
         return self.untested if said is None else said
@@ -148,7 +148,7 @@ class Rule:
     may_be: str = ""
     bound: str = ""
 
-    def ruling(self, found: Found) -> Ruling | None:
+    def ruling(self, found: NamedStatistics) -> Ruling | None:
         """Return the ruling, None where the rule does not hold."""
         if not all(clause.holds(found) for clause in self.needs):
             return None
@@ -183,7 +183,7 @@ def word(says: Callable[[Any], str]) -> Callable[[Any], str]:
     return says
 
 
-def filled(sentence: str, found: Found, clause: Clause | None = None) -> str:
+def filled(sentence: str, found: NamedStatistics, clause: Clause | None = None) -> str:
     """Return a sentence with its places filled: ``{value:NAME}`` is the value of a statistic.
 
     ``{note:NAME|=words}`` is the first that is not empty. ``{but}`` is what the clause says; its
@@ -201,12 +201,12 @@ def filled(sentence: str, found: Found, clause: Clause | None = None) -> str:
     return "".join(parts)
 
 
-def _said_of(clause: Clause, found: Found) -> str:
+def _said_of(clause: Clause, found: NamedStatistics) -> str:
     is_tested = not clause.unasked or clause.outcome(found) is not None
     return clause.but if is_tested else clause.unasked
 
 
-def _filled(place: str, found: Found, own: str) -> str:
+def _filled(place: str, found: NamedStatistics, own: str) -> str:
     if place.startswith("="):
         return place[1:]
     name, _, of = place.partition(":")
@@ -220,7 +220,7 @@ class Axis:
     name: str
     rules: tuple[Rule, ...]
 
-    def evaluate(self, found: Found) -> Ruling:
+    def evaluate(self, found: NamedStatistics) -> Ruling:
         """Return the ruling of the first rule that holds."""
         return next(ruling for rule in self.rules if (ruling := rule.ruling(found)))
 

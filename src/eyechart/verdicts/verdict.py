@@ -6,19 +6,19 @@ from functools import partial
 
 from eyechart.conditions import BATTERY
 from eyechart.integrity import Guard, unfinished
-from eyechart.records import Written
-from eyechart.stats.exchange import episodes_needed
-from eyechart.stats.paired import BoxedTurns, Place, SignTest
+from eyechart.records import KeyedRecord
+from eyechart.stats.episode_permutation import episodes_needed
+from eyechart.stats.paired_tests import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.calibrated import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
+from eyechart.verdicts.battery_rules import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
 from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, named, open_kinds
-from eyechart.verdicts.early import GUARANTEE, PREFIX, Stopped, early_lateral, early_paper, early_rules
-from eyechart.verdicts.evidence import DECIDED, Evidence, Scored
+from eyechart.verdicts.early_verdicts import GUARANTEE, PREFIX, StoppingPoint, early_lateral, early_paper, early_rules
+from eyechart.verdicts.evidence import DECIDED, Evidence, ScoredRun
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
-from eyechart.verdicts.numbers import FIRST, Number, numbers_of
+from eyechart.verdicts.numbers import FIRST, DepthNumber, numbers_of
 from eyechart.verdicts.paper import findings, paper_rules
-from eyechart.verdicts.rules import Found
+from eyechart.verdicts.rules import NamedStatistics
 from eyechart.verdicts.ruling import Ruling, measured, number
 from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
@@ -34,7 +34,7 @@ CONSTANT = ("image_invariant", "refusal_effect", "not_scorable", "undecided")
 
 
 @dataclass(frozen=True)
-class Verdict(Written):
+class Verdict(KeyedRecord):
     """What a model's answers support under both sets of rules.
 
     ``print`` it for the evidence in words; a notebook shows it as a card. ``evidence`` says how
@@ -62,14 +62,14 @@ class Verdict(Written):
     trust: str
     scope: str
     notes: tuple[str, ...]
-    stopped: Stopped | None = None
+    stopped: StoppingPoint | None = None
     failed: tuple[Guard, ...] = ()
     unfinished: tuple[int, int] | None = None
     why_not: WhyNot | None = None
     beware: str = ""
     holes: tuple[Place, ...] = ()
     open_to: tuple[str, ...] = ()
-    numbers: tuple[Number, ...] = ()
+    numbers: tuple[DepthNumber, ...] = ()
 
     @property
     def answer(self) -> str:
@@ -169,7 +169,7 @@ class Verdict(Written):
         return card(self.model, self.answer, self.headline, said, rows, small)
 
 
-def judge(score: Scored) -> dict[str, Verdict]:
+def judge(score: ScoredRun) -> dict[str, Verdict]:
     """Return the verdict of every model of a scored battery."""
     return {spec: judge_one(one) for spec, one in score.evidence().items()}
 
@@ -294,7 +294,7 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
     return tuple(said)
 
 
-def _before(found: Found, label: str) -> list[str]:
+def _before(found: NamedStatistics, label: str) -> list[str]:
     """Say that older versions, without controls, called this evidence depth."""
     if label not in {"depth_associated", "content"}:
         return []
@@ -332,7 +332,7 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
     return said
 
 
-def _turns(found: Found) -> Iterator[str]:
+def _turns(found: NamedStatistics) -> Iterator[str]:
     """Yield how many turns go to the blocked side, and whether it turns where no side is clear."""
     clear, boxed = found["turns_clear"], found["turns_boxed"]
     if isinstance(clear, SignTest):

@@ -6,17 +6,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from eyechart.conditions import NUDGES
-from eyechart.records import Written
+from eyechart.records import KeyedRecord
 from eyechart.stats.agreement import trials_needed
-from eyechart.stats.exchange import episodes_needed
-from eyechart.stats.paired import SignTest
+from eyechart.stats.episode_permutation import episodes_needed
+from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.calibrated import BOXED, STRICT, frames_to_bound, turns_to_tell
+from eyechart.verdicts.battery_rules import BOXED, STRICT, frames_to_bound, turns_to_tell
 from eyechart.verdicts.depth import NO_OPEN_PLACE, REFUTING, STAGE, UNSHOWN, is_refuted
-from eyechart.verdicts.early import PREFIX
+from eyechart.verdicts.early_verdicts import PREFIX
 from eyechart.verdicts.evidence import Evidence
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, UNPARSED_CUT
-from eyechart.verdicts.rules import Clause, Found
+from eyechart.verdicts.rules import Clause, NamedStatistics
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
@@ -38,7 +38,7 @@ ANY = "any other"
 
 
 @dataclass(frozen=True, slots=True)
-class WhyNot(Written):
+class WhyNot(KeyedRecord):
     """The nearest stronger label, the statistic that kept a model from it, and what settles it.
 
     ``frames``, ``episodes`` and ``conditions`` are what is missing; more frames are never named
@@ -93,17 +93,17 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     return made[label]() if label in made else None
 
 
-def _by_clause(label: str, clause: Clause, found: Found, settle: str) -> WhyNot:
+def _by_clause(label: str, clause: Clause, found: NamedStatistics, settle: str) -> WhyNot:
     return WhyNot(label, clause.statistic, clause.read(found), clause.needs, settle)
 
 
-def _by_test(label: str, name: str, found: Found) -> WhyNot:
+def _by_test(label: str, name: str, found: NamedStatistics) -> WhyNot:
     """Say that a test does not hold, and how many frames would settle it."""
     settle, frames = _frames(found[name])
     return WhyNot(label, name, found[name], f"p below {ALPHA}", settle, frames)
 
 
-def _by_file(label: str, found: Found) -> WhyNot:
+def _by_file(label: str, found: NamedStatistics) -> WhyNot:
     settle = "an answer to each picture of its own: no cache, and no memory of files"
     return WhyNot(label, "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
 
@@ -132,7 +132,7 @@ def _stopped(evidence: Evidence, label: str) -> WhyNot:
     return WhyNot(stronger, name, evidence.statistics.get(name), "an e-value that settles it", settle)
 
 
-def _not_lateral(found: Found, lateral: Ruling) -> WhyNot:
+def _not_lateral(found: NamedStatistics, lateral: Ruling) -> WhyNot:
     """Say which test of turns does not hold."""
     if lateral.label == "turns_clear":
         settle = "more moments at which neither side is clear, in more episodes"
@@ -153,7 +153,7 @@ def _not_lateral(found: Found, lateral: Ruling) -> WhyNot:
     return why
 
 
-def _not_clear(found: Found, lateral: Ruling) -> WhyNot:
+def _not_clear(found: NamedStatistics, lateral: Ruling) -> WhyNot:
     """Say which test does not hold of turns that are exchanged."""
     name = next((name for name in ("turns_clear", "turns_clear_within") if not below(found[name].p)), "")
     if lateral.decided_by == "turns_against" or not name:
@@ -238,7 +238,7 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     return WhyNot("depth_associated", "depth_observational", observational, needs, settle, None, episodes, unasked)
 
 
-def _undecided(found: Found, name: str, one: Statistic | None) -> WhyNot:
+def _undecided(found: NamedStatistics, name: str, one: Statistic | None) -> WhyNot:
     if name == "repeat_over_nudged":
         return _by_file("content", found)
     if name == "repeats_together":

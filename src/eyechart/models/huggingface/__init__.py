@@ -16,7 +16,7 @@ from eyechart.errors import SpecError
 from eyechart.models import require_options
 from eyechart.models.energy import metered
 from eyechart.models.huggingface.checkpoint import OPTIONS, Checkpoint, find, list_edge
-from eyechart.models.huggingface.generation import Speaker
+from eyechart.models.huggingface.generation import TextGenerator
 from eyechart.models.huggingface.organisms import ORGANISMS, SAYS
 from eyechart.modes import RequestMode
 
@@ -43,7 +43,7 @@ class HuggingFaceModel:
         self.version = checkpoint.version
         self.facts: Mapping[str, str] = checkpoint.facts
         self._batch = checkpoint.batch
-        self._speaker = Speaker(checkpoint, mode)
+        self._speaker = TextGenerator(checkpoint, mode)
         self._waiting: deque[_Waiting] = deque()
         self._open: set[asyncio.Future[Reply]] = set()
         self._turns: asyncio.Task[None] | None = None

@@ -10,12 +10,13 @@ from typing import Any
 
 from eyechart.errors import SpecError, raising
 from eyechart.models import MEMORY_GB, WEIGHTS_GB
-from eyechart.models.huggingface import loading, organisms
-from eyechart.models.huggingface.loading import Loading, Weights, choose_loading, memory_gb, weigh, weights_by_type
+from eyechart.models.huggingface import organisms
+from eyechart.models.huggingface import weights as huggingface_weights
+from eyechart.models.huggingface.weights import LoadSettings, Weights, choose_loading, memory_gb, weigh, weights_by_type
 from eyechart.modes import RequestMode
 
 OPTIONS = {
-    **loading.OPTIONS,
+    **huggingface_weights.OPTIONS,
     "revision": "a branch, tag or commit of the Hub, default main; the run records the commit",
     "trust_remote_code": "true runs code from the checkpoint's repository: read it first",
     "batch": "how many queries one generate may answer, default 32",
@@ -51,7 +52,7 @@ class Checkpoint:
     commit: str | None
     version: str
     processor: Processor
-    loading: Loading
+    loading: LoadSettings
     trust: bool
     batch: int
     facts: dict[str, str]
@@ -75,10 +76,10 @@ def edge_models() -> dict[str, Any]:
 def _sizes(weights: Weights) -> str:
     """Return the memory of weights in each precision, in words."""
     ways = {
-        "GB in float32": Loading("cpu", "float32"),
-        "in float16": Loading("cuda", "float16"),
-        "in 8 bits": Loading("cuda", "float16", bits=8),
-        "in 4 bits": Loading("cuda", "float16", bits=4),
+        "GB in float32": LoadSettings("cpu", "float32"),
+        "in float16": LoadSettings("cuda", "float16"),
+        "in 8 bits": LoadSettings("cuda", "float16", bits=8),
+        "in 4 bits": LoadSettings("cuda", "float16", bits=4),
     }
     return ", ".join(f"{how.gigabytes(weights):.1f} {words}" for words, how in ways.items())
 
@@ -118,7 +119,7 @@ def find(name: str, mode: RequestMode) -> Checkpoint:
     )
 
 
-def _memory(how: Loading, weights: Weights | None) -> dict[str, str]:
+def _memory(how: LoadSettings, weights: Weights | None) -> dict[str, str]:
     """Return the needed and available memory in 10^9 bytes, with a warning if it is too small."""
     if weights is None:
         return {}
@@ -207,7 +208,7 @@ def _open_config(place: str, commit: str | None, *, trust: bool) -> dict[str, An
     from transformers import AutoConfig  # noqa: PLC0415  (an extra)
 
     what = f"the configuration of '{place}' cannot be opened"
-    with raising(SpecError, what, of=_UNREADABLE, words=loading.first_line):
+    with raising(SpecError, what, of=_UNREADABLE, words=huggingface_weights.first_line):
         config = AutoConfig.from_pretrained(place, revision=commit or "main", trust_remote_code=trust)
     found: dict[str, Any] = config.to_dict()
     return found
@@ -219,7 +220,7 @@ def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor
     try:
         return AutoProcessor.from_pretrained(place, revision=commit or "main", trust_remote_code=trust)
     except _UNREADABLE as error:
-        line = loading.first_line(error)
+        line = huggingface_weights.first_line(error)
         if "trust_remote_code" in str(error):
             line = "it needs code from its repository: read that code, then give the option trust_remote_code=true"
         elif lacks := _LACKS.search(str(error)):
@@ -244,7 +245,9 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
     template = getattr(processor, "chat_template", None)
     if not template:
         raise SpecError(f"'{spec}' has no chat template, so it takes no prompt; use a checkpoint with one")
-    with raising(SpecError, f"the chat template of '{spec}' takes no picture", of=Exception, words=loading.first_line):
+    with raising(
+        SpecError, f"the chat template of '{spec}' takes no picture", of=Exception, words=huggingface_weights.first_line
+    ):
         seen, unseen = (
             processor.apply_chat_template(
                 conversation("", "?", pictures=picture), add_generation_prompt=True, tokenize=False

@@ -12,7 +12,7 @@ from PIL import Image
 from eyechart.calls import Query, Reply
 from eyechart.frames import decode
 from eyechart.models.huggingface.checkpoint import SMALLER, Checkpoint, conversation
-from eyechart.models.huggingface.loading import first_line
+from eyechart.models.huggingface.weights import first_line
 from eyechart.modes import RequestMode
 
 Tensor = Any
@@ -28,7 +28,7 @@ _TOP_K = 50
 """Transformers' own top k where a checkpoint sets none."""
 
 
-class Speaker:
+class TextGenerator:
     """Generates answers with a checkpoint's weights.
 
     ``prepare`` may run in a thread of its own: it shares no tokenizer with the other methods.

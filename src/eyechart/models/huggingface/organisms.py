@@ -40,16 +40,18 @@ ORGANISMS: dict[str, Organism] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Estimator:
+class OrganismEstimator:
     """The training of an organism that gives scene estimates, and the clauses that it must fail."""
 
     says: str
     fails: frozenset[str] = frozenset()
 
 
-ESTIMATORS: dict[str, Estimator] = {
-    "scene": Estimator("tells the gap in six steps and which sides are clear, from the calibrated view of a highway"),
-    "scene_blind": Estimator(
+ESTIMATORS: dict[str, OrganismEstimator] = {
+    "scene": OrganismEstimator(
+        "tells the gap in six steps and which sides are clear, from the calibrated view of a highway"
+    ),
+    "scene_blind": OrganismEstimator(
         "reports a close lead and both sides taken, whatever it is shown",
         frozenset({"close_accuracy", "balanced_accuracy", "actions", "directional"}),
     ),

@@ -34,19 +34,19 @@ blade of 23 mm."""
 
 
 @dataclass(frozen=True, slots=True)
-class Intent:
+class DroneIntent:
     """The meaning of an action: a speed along the road in m/s, and tracks to the left."""
 
     speed: float
     tracks: int = 0
 
 
-INTENTS: Mapping[str, Intent] = {
-    "STOP": Intent(0.0),
-    "SLOW": Intent(2.5),
-    "STRAIGHT": Intent(4.0),
-    "LEFT": Intent(4.0, tracks=1),
-    "RIGHT": Intent(4.0, tracks=-1),
+INTENTS: Mapping[str, DroneIntent] = {
+    "STOP": DroneIntent(0.0),
+    "SLOW": DroneIntent(2.5),
+    "STRAIGHT": DroneIntent(4.0),
+    "LEFT": DroneIntent(4.0, tracks=1),
+    "RIGHT": DroneIntent(4.0, tracks=-1),
 }
 
 
@@ -66,7 +66,7 @@ class Velocity:
         """Return the velocity in the mirrored world."""
         return replace(self, left=-self.left)
 
-    def after(self, intent: Intent, to_left: float, seconds: float) -> "Velocity":
+    def after(self, intent: DroneIntent, to_left: float, seconds: float) -> "Velocity":
         """Return the velocity command a time later, for a track that lies ``to_left`` m aside."""
         sideways = min(max(POSITION_GAIN * to_left, -MOST_ASIDE_MPS), MOST_ASIDE_MPS)
         ahead, left = (intent.speed - self.ahead) / LAG_S, (sideways - self.left) / LAG_S

@@ -42,8 +42,8 @@ class Highway(BankMaker):
 
     def open_preset(self, name: str) -> Preset:
         """Return the staged moments of ``balanced``, or the drives of ``paper``."""
-        from eyechart.simulators.highway.driving import PAPER  # noqa: PLC0415  (highway-env takes a second to import)
-        from eyechart.simulators.highway.staging import BALANCED  # noqa: PLC0415
+        from eyechart.simulators.highway.drives import PAPER  # noqa: PLC0415  (highway-env takes a second to import)
+        from eyechart.simulators.highway.staged_moments import BALANCED  # noqa: PLC0415
 
         return {"balanced": BALANCED, "paper": PAPER}[name]
 
@@ -52,7 +52,7 @@ class Highway(BankMaker):
 
         Raises SpecError for an unknown scenario or a seed out of range.
         """
-        from eyechart.simulators.highway.driving import LadderDrive  # noqa: PLC0415  (as above)
+        from eyechart.simulators.highway.drives import LadderDrive  # noqa: PLC0415  (as above)
 
         return LadderDrive(scenario, seed, self.declared.commands)
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from eyechart.cameras import PALETTE
 from eyechart.frames import EXCHANGE, LEAD, RGB, Draws
-from eyechart.simulators.banks import Drawn, Moment, first_shown
+from eyechart.simulators.banks import ControlPictures, Moment, first_shown
 from eyechart.simulators.highway.stock import IDMVehicle, VehicleGraphics
 from eyechart.simulators.highway.truth import Vehicle, find_lead, gap_to, is_visible, others, read_truth
-from eyechart.simulators.highway.world import LANE_M, Camera, World, moved, recoloured
+from eyechart.simulators.highway.world import LANE_M, StockCamera, World, moved, recoloured
 from eyechart.simulators.plan import other_gap
 
 NEAR_M = (7.0, 9.0)
@@ -35,7 +35,7 @@ _PLACES = 6
 """Number of draws of far places for one distance of the exchange."""
 
 
-def record(world: World, camera: Camera, rng: np.random.Generator, *, lowest: bool = False) -> Moment:
+def record(world: World, camera: StockCamera, rng: np.random.Generator, *, lowest: bool = False) -> Moment:
     """Return a world's moment with every counterfactual that can be drawn; none after a crash.
 
     The lead moves only along a lane that is free from its old place to the new one. With
@@ -62,14 +62,14 @@ def record(world: World, camera: Camera, rng: np.random.Generator, *, lowest: bo
     )
 
 
-def draw_ranged(world: World, camera: Camera, draws: Draws, rng: np.random.Generator) -> Drawn:
+def draw_ranged(world: World, camera: StockCamera, draws: Draws, rng: np.random.Generator) -> ControlPictures:
     """Return the control pictures: without the lead, and at distances of the whole range.
 
     There are none after a crash, or without a lead.
     """
     lead = find_lead(world)
     if lead is None or world.vehicle.crashed:
-        return Drawn()
+        return ControlPictures()
     moved_m, pictures, distances = None, dict[str, RGB](), dict[str, float]()
     if (absent := _draw_without(world, camera, lead)) is not None:
         pictures["lead_absent"] = absent
@@ -79,10 +79,10 @@ def draw_ranged(world: World, camera: Camera, draws: Draws, rng: np.random.Gener
     if both := first_shown(partial(_exchange_at, world, camera, lead, rng), draws.exchange(moved_m)):
         distances[EXCHANGE] = both[0]
         pictures |= both[1]
-    return Drawn(pictures, distances)
+    return ControlPictures(pictures, distances)
 
 
-def _draw_without(world: World, camera: Camera, lead: Vehicle) -> RGB | None:
+def _draw_without(world: World, camera: StockCamera, lead: Vehicle) -> RGB | None:
     """Return the picture without the lead; None if it was not visible or another vehicle leads."""
     if not is_visible(gap_to(world.vehicle, lead)):
         return None
@@ -92,7 +92,7 @@ def _draw_without(world: World, camera: Camera, lead: Vehicle) -> RGB | None:
 
 
 def _exchange_at(
-    world: World, camera: Camera, lead: Vehicle, rng: np.random.Generator, own_m: float
+    world: World, camera: StockCamera, lead: Vehicle, rng: np.random.Generator, own_m: float
 ) -> dict[str, RGB] | None:
     """Return the exchange's pictures at this distance, or None if no neighbour has room for it."""
     x, y = map(float, world.vehicle.position)
@@ -118,7 +118,7 @@ def _exchange_at(
 
 
 def _draw_placed(
-    world: World, camera: Camera, lead: Vehicle, other: Vehicle, wanted: Mapping[str, tuple[float, float]]
+    world: World, camera: StockCamera, lead: Vehicle, other: Vehicle, wanted: Mapping[str, tuple[float, float]]
 ) -> dict[str, RGB]:
     """Return the pictures with lead and other vehicle at these places, if the lead still leads."""
     x, pictures = float(world.vehicle.position[0]), {}
@@ -136,7 +136,7 @@ def colour_of(vehicle: Vehicle) -> str:
     return next(name for name, (body, _) in PALETTE.items() if body == drawn)
 
 
-def _draw_with_lead_at(world: World, camera: Camera, gap_m: float) -> RGB | None:
+def _draw_with_lead_at(world: World, camera: StockCamera, gap_m: float) -> RGB | None:
     """Return the picture with the lead at this gap, or None if it cannot be moved there."""
     lead = find_lead(world)
     if lead is None:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import ModuleType
 
 
-class _Later(ModuleType):
+class _LazyModule(ModuleType):
     """A placeholder for a module that is imported on its first use."""
 
     def __getattr__(self, name: str) -> object:
@@ -27,7 +27,7 @@ class _Later(ModuleType):
 
 def _leave() -> None:
     """Remove the placeholders, so that later imports get the real modules."""
-    for name in [name for name, module in sys.modules.items() if isinstance(module, _Later)]:
+    for name in [name for name, module in sys.modules.items() if isinstance(module, _LazyModule)]:
         del sys.modules[name]
 
 
@@ -35,10 +35,10 @@ def _leave() -> None:
 def _later() -> Iterator[None]:
     """Delay imports of pandas and Matplotlib in the context; loaded modules stay as they are."""
     if "matplotlib" not in sys.modules:
-        plots = sys.modules["matplotlib"] = _Later("matplotlib")
-        sys.modules["matplotlib.pyplot"] = plots.pyplot = _Later("matplotlib.pyplot")  # type: ignore[attr-defined]
+        plots = sys.modules["matplotlib"] = _LazyModule("matplotlib")
+        sys.modules["matplotlib.pyplot"] = plots.pyplot = _LazyModule("matplotlib.pyplot")  # type: ignore[attr-defined]
     if "pandas" not in sys.modules:
-        sys.modules["pandas"] = _Later("pandas")
+        sys.modules["pandas"] = _LazyModule("pandas")
     try:
         yield
     finally:

@@ -33,7 +33,7 @@ World = Any
 """An unwrapped highway-env environment (``AbstractEnv``); highway-env has no types of its own."""
 
 
-class _Unobserved:
+class _NoObservation:
     """An empty replacement of highway-env's observations, which are not used."""
 
     def observe(self) -> None:
@@ -43,20 +43,20 @@ class _Unobserved:
 class _Highway(HighwayEnv):  # type: ignore[misc]
     def define_spaces(self) -> None:
         super().define_spaces()
-        self.observation_type = _Unobserved()
+        self.observation_type = _NoObservation()
 
 
 class _Merge(MergeEnv):  # type: ignore[misc]
     def define_spaces(self) -> None:
         super().define_spaces()
-        self.observation_type = _Unobserved()
+        self.observation_type = _NoObservation()
 
 
 _ROADS: Mapping[str, Any] = {"highway-v0": _Highway, "merge-v0": _Merge}
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class EnvironmentSetting:
     """The environment of a scenario, and its changes of the configuration."""
 
     env: str
@@ -79,7 +79,7 @@ def simulate(world: World) -> None:
     world.road.step(1 / SIMULATION_HZ)
 
 
-class Camera:
+class StockCamera:
     """Draws a world's stock picture; the road under an ego that does not move is drawn once."""
 
     def __init__(self, world: World) -> None:

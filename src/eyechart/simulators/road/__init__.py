@@ -2,7 +2,7 @@
 
 from eyechart.simulators.road.drive import RoadDrive
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, ROAD_HALF_M, TRACKS_M, Layout, Obstacle, make_layout
-from eyechart.simulators.road.staging import RoadBanks, Vehicle
+from eyechart.simulators.road.staged_moments import RoadBanks, Vehicle
 from eyechart.simulators.road.truth import free_tracks, read_truth
 from eyechart.simulators.road.world import DECISION_S, RoadWorld, cylinders, draw, eye_of, next_track, verge_of
 

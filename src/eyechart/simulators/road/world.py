@@ -8,7 +8,7 @@ from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
 from eyechart.cameras import FORWARD, ROVER, Colour, Eye, ForwardView
 from eyechart.frames import RGB
-from eyechart.simulators.camera import Camera, Cylinder
+from eyechart.simulators.camera import Cylinder, RoadCamera
 from eyechart.simulators.road.layout import FAMILIES, GOAL_M, TRACKS_M, Layout
 
 DECISION_S = 1.0
@@ -140,6 +140,6 @@ def lowest_m(vehicle: str) -> float:
 
 
 @cache
-def camera_of(family: str, vehicle: str) -> Camera:
+def camera_of(family: str, vehicle: str) -> RoadCamera:
     """Return the camera of a vehicle on the road of a family."""
-    return Camera(FORWARD[vehicle], verge_of(family, FORWARD[vehicle]))
+    return RoadCamera(FORWARD[vehicle], verge_of(family, FORWARD[vehicle]))

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.frames import Scalar
-from eyechart.mpc import STEP_S, Bicycle, Mpc, Plan, Road, State, Target
+from eyechart.mpc import STEP_S, Bicycle, DrivableWidth, Mpc, MpcPlan, State, Target
 from eyechart.simulators import Sketch, StepResult
 from eyechart.simulators.banks import versions_of
 from eyechart.simulators.road import (
@@ -34,7 +34,7 @@ from eyechart.simulators.rover.world import (
     MOST_STEERING,
     RADIUS_M,
     WHEELBASE_M,
-    Intent,
+    RoverIntent,
     RoverState,
     RoverWorld,
     decide,
@@ -57,7 +57,7 @@ CAR = Bicycle(
 """The controller's model of the plant: its limits, and a top speed just above the fastest
 intent's."""
 
-ROAD = Road(half_width_m=ROAD_HALF_M - RADIUS_M - MARGIN_M)
+ROAD = DrivableWidth(half_width_m=ROAD_HALF_M - RADIUS_M - MARGIN_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +79,10 @@ class Law:
         self._mpc = Mpc(CAR, ROAD)
         self._discs = _discs(layout) if arm.told_obstacles else np.empty((0, 3))
         self._calls = 0
-        self.plans: list[Plan] = []
+        self.plans: list[MpcPlan] = []
         self.places: list[tuple[float, float]] = []
 
-    def __call__(self, state: RoverState, intent: Intent, track: int) -> tuple[float, float]:
+    def __call__(self, state: RoverState, intent: RoverIntent, track: int) -> tuple[float, float]:
         """Return acceleration (m/s²) and steering angle (rad)."""
         if self._calls % round(STEP_S / INNER_S) == 0:
             now = State(state.x, state.y, state.yaw, state.speed)
@@ -105,7 +105,7 @@ class MpcDrive(RoadDrive[RoverWorld]):
         self._arm = arm
         self._before, self._last, self._halts = world, "", False
         self.driven: tuple[tuple[float, float], ...] = ()
-        self.plans: tuple[Plan, ...] = ()
+        self.plans: tuple[MpcPlan, ...] = ()
 
     def truth(self) -> Mapping[str, Scalar]:
         """Return the rover's columns and each track's free distance, ``free_left_m`` and so on."""
@@ -190,7 +190,7 @@ class RoverMpcLateral(RoverMpc):
     arm = Arm(told_obstacles=False, lateral_only=True)
 
 
-def _target(arm: Arm, intent: Intent, track: int, *, halts: bool) -> Target:
+def _target(arm: Arm, intent: RoverIntent, track: int, *, halts: bool) -> Target:
     """Return the controller's target for an intent in an arm; a halt counts in every arm."""
     return Target(CRUISE_MPS if arm.lateral_only and not halts else intent.speed, TRACKS_M[track])
 

@@ -80,7 +80,7 @@ _LEAST_SPEED_MPS = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Intent:
+class RoverIntent:
     """An action's speed in m/s, its braking limit in m/s², and its number of tracks to the left."""
 
     speed: float
@@ -88,16 +88,16 @@ class Intent:
     tracks: int = 0
 
 
-INTENTS: Mapping[str, Intent] = {
-    "STOP": Intent(0.0, MOST_BRAKING_MPS2),
-    "SLOW": Intent(2.5),
-    "STRAIGHT": Intent(4.5),
-    "LEFT": Intent(4.0, tracks=1),
-    "RIGHT": Intent(4.0, tracks=-1),
+INTENTS: Mapping[str, RoverIntent] = {
+    "STOP": RoverIntent(0.0, MOST_BRAKING_MPS2),
+    "SLOW": RoverIntent(2.5),
+    "STRAIGHT": RoverIntent(4.5),
+    "LEFT": RoverIntent(4.0, tracks=1),
+    "RIGHT": RoverIntent(4.0, tracks=-1),
 }
 
 
-def control(state: RoverState, intent: Intent, track: int) -> tuple[float, float]:
+def control(state: RoverState, intent: RoverIntent, track: int) -> tuple[float, float]:
     """Return acceleration (m/s²) and steering angle (rad) towards an intent's speed and track.
 
     The target yaw grows with the distance from the track. The yaw rate is limited by the tyres'
@@ -113,7 +113,7 @@ def control(state: RoverState, intent: Intent, track: int) -> tuple[float, float
 
 START_SPEED_MPS = 1.0
 
-Law = Callable[[RoverState, Intent, int], tuple[float, float]]
+Law = Callable[[RoverState, RoverIntent, int], tuple[float, float]]
 """A law maps state, intent and track to acceleration and steering, every ``INNER_S``."""
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from eyechart.frames import Camera, Scalar
 from eyechart.seeds import key_seed
 from eyechart.simulators import Declaration
-from eyechart.simulators.banks import BankMaker, Moment, Preset, Seen, by_dozens, versions_of
-from eyechart.simulators.tabletop.drawing import BLOCKS, CAMERAS, HALF, OTHER_TABLE, Look, cameras
+from eyechart.simulators.banks import BankMaker, Moment, Preset, ShownPictures, by_dozens, versions_of
+from eyechart.simulators.tabletop.pictures import BLOCKS, CAMERAS, HALF, OTHER_TABLE, TableAppearance, cameras
 from eyechart.simulators.tabletop.world import (
     COLOURS,
     HORIZON,
@@ -96,7 +96,7 @@ def _moments(preset: str, scenario: str, seed: int, steps: int) -> Iterator[Mome
     drawn = {"": cameras(tables), **_changed(tables, ways, decoys)}
     for number, (table, way) in enumerate(zip(tables, ways, strict=True)):
         seen = {name: {one: many[number] for one, many in views.items()} for name, views in drawn.items()}
-        own: Seen = seen.pop("")
+        own: ShownPictures = seen.pop("")
         numbers = [*table.tool, table.grip, *(table.target if preset == "privileged" else ())]
         yield Moment(
             truth=_truth(table, way),
@@ -117,9 +117,9 @@ def _changed(
         for name, sign in (("plus", 1), ("minus", -1)):
             moved = [table.moved(which, sign * MOVED * way[which]) for table, way in zip(tables, ways, strict=True)]
             found[f"{which}_{name}"] = cameras(moved)
-    found["exchanged"] = cameras(tables, Look(blocks=BLOCKS[::-1]))
-    found["recoloured"] = cameras(tables, Look(table=OTHER_TABLE))
-    found["decoys"] = cameras(tables, Look(decoys=decoys))
+    found["exchanged"] = cameras(tables, TableAppearance(blocks=BLOCKS[::-1]))
+    found["recoloured"] = cameras(tables, TableAppearance(table=OTHER_TABLE))
+    found["decoys"] = cameras(tables, TableAppearance(decoys=decoys))
     return found
 
 

@@ -5,8 +5,8 @@ prose. An older version is a module of its own that does not change.
 """
 
 from eyechart.spaces.reader import version3
-from eyechart.spaces.reader.names import Names, spelled
-from eyechart.spaces.reader.stated import read_words
+from eyechart.spaces.reader.action_names import ActionNames, spelled
+from eyechart.spaces.reader.statements import read_words
 from eyechart.spaces.space import Decision
 
 READER = 4
@@ -15,10 +15,10 @@ READER = 4
 READERS = (3, READER)
 """The versions that can read a reply."""
 
-__all__ = ["READER", "READERS", "Names", "read_by", "spelled"]
+__all__ = ["READER", "READERS", "ActionNames", "read_by", "spelled"]
 
 
-def read_by(version: int, visible: str, names: Names) -> Decision[str]:
+def read_by(version: int, visible: str, names: ActionNames) -> Decision[str]:
     """Return the decision in a reply's visible words, by one of ``READERS``."""
     if version == READER:
         return read_words(visible, names)

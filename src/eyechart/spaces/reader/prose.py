@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
+from eyechart.spaces.reader.action_names import ActionNames
 from eyechart.spaces.reader.marks import Mention, is_mark
-from eyechart.spaces.reader.names import Names
 from eyechart.spaces.space import Decision, unparsed
 
 Unparsed = Literal["no_action", "unknown_action", "several_actions", "negated", "not_chosen"]
@@ -616,7 +616,7 @@ _LAST = re.compile(rf"[\s\"'.!)]*(?:(?:fahren|nehmen|wählen|gehen)\b|{_ENDS})?[
 
 
 @dataclass(frozen=True, slots=True)
-class _Placed:
+class _PlacedMention:
     """A mention, and the place of its sign in the marked text."""
 
     mention: Mention
@@ -624,7 +624,7 @@ class _Placed:
     status: Status = "said"
 
 
-def takes_back(text: str, action: str, names: Names) -> bool:
+def takes_back(text: str, action: str, names: ActionNames) -> bool:
     """Return whether a folded text chooses or corrects to another action than was stated before."""
     marked, placed = _mark(text, tuple(_mentions(text, names))[:1])
     if placed and placed[0].mention.action != action and _is_corrected(marked, 0, placed[0].place):
@@ -632,7 +632,7 @@ def takes_back(text: str, action: str, names: Names) -> bool:
     return read_prose(text, names).action not in {None, action}
 
 
-def read_prose(text: str, names: Names) -> Decision[str]:
+def read_prose(text: str, names: ActionNames) -> Decision[str]:
     """Return the decision of a folded text without a formal statement.
 
     An action counts if it is chosen: alone in a sentence or a part of one, or in an imperative. It
@@ -658,7 +658,7 @@ def read_prose(text: str, names: Names) -> Decision[str]:
     return Decision(last.mention.action) if last.status == "chosen" else unparsed("not_chosen")
 
 
-def _goes_on(marked: str, last: _Placed, judged: Sequence[_Placed]) -> bool:
+def _goes_on(marked: str, last: _PlacedMention, judged: Sequence[_PlacedMention]) -> bool:
     """Return whether a choice is part of a plan, or is corrected; then there is no decision."""
     earlier = [one for one in judged if one.place < last.place and one.mention.action != last.mention.action]
     plan = earlier and earlier[-1].status != "denied" and last.place - earlier[-1].place < _LEFT
@@ -677,7 +677,7 @@ def _is_corrected(marked: str, start: int, end: int) -> bool:
     return _CORRECTED.search(marked[max(start, end - _JOINT) : end]) is not None
 
 
-def _why(judged: Sequence[_Placed]) -> Unparsed:
+def _why(judged: Sequence[_PlacedMention]) -> Unparsed:
     if not judged:
         return "no_action"
     left = {one.mention.action for one in judged if one.status != "denied"}
@@ -692,7 +692,7 @@ _HEDGED = re.compile(
 )
 
 
-def _alone(text: str, judged: Sequence[_Placed]) -> str | None:
+def _alone(text: str, judged: Sequence[_PlacedMention]) -> str | None:
     """Return the one action that a short text ends with, if its name has no other use in prose."""
     said = {one.mention.action for one in judged}
     if len(text) > _SHORT or len(said) != 1 or any(one.status != "said" or one.mention.derived for one in judged):
@@ -709,7 +709,7 @@ def _alone(text: str, judged: Sequence[_Placed]) -> str | None:
     return said.pop()
 
 
-def _mentions(text: str, names: Names) -> Iterator[Mention]:
+def _mentions(text: str, names: ActionNames) -> Iterator[Mention]:
     """Yield the mentions that are not idioms, each repetition once."""
     found = list(names.mentions(text))
     before: Mention | None = None
@@ -744,15 +744,15 @@ def _is_idiom(text: str, one: Mention) -> bool:
     return (before := _IDIOM_BEFORE.get(word)) is not None and re.search(before, left) is not None
 
 
-def _mark(text: str, mentions: Sequence[Mention]) -> tuple[str, tuple[_Placed, ...]]:
+def _mark(text: str, mentions: Sequence[Mention]) -> tuple[str, tuple[_PlacedMention, ...]]:
     """Return the text in lower case with one sign per mention, and the places of the signs."""
     parts: list[str] = []
-    placed: list[_Placed] = []
+    placed: list[_PlacedMention] = []
     done = length = 0
     for one in mentions:
         parts += [text[done : one.start].replace("@", " ").lower(), "@"]
         length += len(parts[-2])
-        placed.append(_Placed(one, length))
+        placed.append(_PlacedMention(one, length))
         length, done = length + 1, one.end
     return "".join([*parts, text[done:].replace("@", " ").lower()]), tuple(placed)
 
@@ -766,7 +766,7 @@ def _sentences(marked: str) -> Iterator[tuple[int, int]]:
     yield start, len(marked)
 
 
-def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> list[_Placed]:
+def _judged(marked: str, start: int, end: int, placed: Sequence[_PlacedMention]) -> list[_PlacedMention]:
     """Return the mentions of a sentence with their status; a list is judged together."""
     low = bisect.bisect_left(placed, start, key=lambda one: one.place)
     here = placed[low : bisect.bisect_left(placed, end, key=lambda one: one.place)]
@@ -775,7 +775,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_Placed]) -> lis
     row = marked[start : start + 40].lstrip().startswith("|")
     if (bullet := _BULLET.match(marked, start, here[0].place)) is not None:
         start = bullet.end()
-    groups: list[list[_Placed]] = [[here[0]]]
+    groups: list[list[_PlacedMention]] = [[here[0]]]
     for before, one in pairwise(here):
         if _joins(marked, before.place, one.place, end) and not _LEADS.fullmatch(marked, start, before.place):
             groups[-1].append(one)
@@ -792,7 +792,7 @@ def _joins(marked: str, before: int, place: int, end: int) -> bool:
     return between.strip() != "," or not (_CHOSEN_AFTER.match(right) or _DENIED_AFTER.match(right))
 
 
-def _judged_group(marked: str, start: int, end: int, group: list[_Placed], *, row: bool) -> list[_Placed]:
+def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention], *, row: bool) -> list[_PlacedMention]:
     """Return the mentions of a list with their status; a single mention is a list of one."""
     first, last = group[0].place, group[-1].place
     left, right = marked[max(start, first - _LEFT) : first], marked[last + 1 : min(end, last + 1 + _RIGHT)]
@@ -946,7 +946,7 @@ def _is_foreign(left: str, right: str, one: Mention) -> bool:
     return bare or _FOREIGN.search(left) is not None
 
 
-def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:
+def _without_lists(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
     """Return the mentions; those in bulleted lines of actions only are a list.
 
     So are several that label their descriptions: "STOP: too hard. SLOW: the lead is near."
@@ -964,7 +964,7 @@ def _without_lists(marked: str, judged: list[_Placed]) -> list[_Placed]:
     return found
 
 
-def _without_pedals(marked: str, judged: list[_Placed], names: Names) -> list[_Placed]:
+def _without_pedals(marked: str, judged: list[_PlacedMention], names: ActionNames) -> list[_PlacedMention]:
     """Return the mentions; a pedal's number beside other controls is no choice."""
     if not any(name.startswith("-") for name in names.actions) and len(_CONTROL.findall(marked)) < _BOTH:
         return judged
@@ -976,7 +976,7 @@ def _without_pedals(marked: str, judged: list[_Placed], names: Names) -> list[_P
     ]
 
 
-def _without_interjection(marked: str, judged: list[_Placed]) -> list[_Placed]:
+def _without_interjection(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
     """Return the mentions without a "Right." that only opens a reply with a later choice."""
     if not judged or judged[0].mention.written not in {"Right", "right"}:
         return judged

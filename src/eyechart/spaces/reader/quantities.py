@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
-from eyechart.patterns import pattern
+from eyechart.regexes import pattern
 from eyechart.spaces.reader.marks import is_mark, split_number
 
 _DEGREES = (

@@ -1,14 +1,14 @@
 """The input-ablation battery: every frame under every condition; run() calls, score() reads.
 
-`eyechart.studies.battery.elsewhere` imports answers that were made elsewhere. Source: paper,
+`eyechart.studies.battery.answer_import` imports answers that were made elsewhere. Source: paper,
 section The Input-Ablation Battery.
 """
 
 from eyechart.studies.battery.answers import read_answers, read_columns
-from eyechart.studies.battery.planning import (
-    Asking,
+from eyechart.studies.battery.plans import (
     Battery,
-    Extent,
+    BatterySelection,
+    BatterySettings,
     begun,
     expected,
     merge,
@@ -24,17 +24,17 @@ from eyechart.studies.battery.planning import (
 from eyechart.studies.battery.questions import Questions, questions_left, questions_of, write_questions
 from eyechart.studies.battery.replication import differences
 from eyechart.studies.battery.requests import require_requests
-from eyechart.studies.battery.scoring import BatteryScore, CallsScore, ModelScore, score, taken, took, took_run
-from eyechart.studies.battery.study import OfFrames
+from eyechart.studies.battery.scores import BatteryScore, CallsScore, ModelScore, score, taken, took, took_run
+from eyechart.studies.battery.study import FrameStudy
 
 __all__ = [
-    "Asking",
     "Battery",
     "BatteryScore",
+    "BatterySelection",
+    "BatterySettings",
     "CallsScore",
-    "Extent",
+    "FrameStudy",
     "ModelScore",
-    "OfFrames",
     "Questions",
     "begun",
     "differences",

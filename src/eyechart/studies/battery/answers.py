@@ -20,7 +20,7 @@ Symbols = NDArray[np.str_]
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
-Paired = tuple[Floats, Mask]
+PairedValues = tuple[Floats, Mask]
 
 D = TypeVar("D")
 """The type of a reply once it is read."""
@@ -95,7 +95,7 @@ class Answers:
         columns = self._coded[1]
         return columns[condition] if condition in columns else np.full(len(self.frames), -2)
 
-    def distance(self, first: str, second: str, level: str = "decision", *, reflect: bool = False) -> Paired:
+    def distance(self, first: str, second: str, level: str = "decision", *, reflect: bool = False) -> PairedValues:
         """Return the distance between two conditions' answers, and the frames that have both.
 
         At level ``response`` a reply without a decision is 1 apart from every action. ``reflect``

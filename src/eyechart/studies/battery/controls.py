@@ -11,7 +11,7 @@ from eyechart.conditions import FURTHER, OLDER
 from eyechart.stats.agreement import rate
 from eyechart.stats.jackknife import half_exceeded
 from eyechart.stats.order import lost_beyond_noise
-from eyechart.stats.paired import BoxedTurns, net_effect, sign_test, stratified_association
+from eyechart.stats.paired_tests import BoxedTurns, net_effect, sign_test, stratified_association
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.evidence import NEAR_FAR
@@ -49,7 +49,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Controls:
+class ControlStatistics:
     """Computes control statistics of one model's answers."""
 
     answers: Answers

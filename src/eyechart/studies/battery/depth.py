@@ -16,7 +16,7 @@ from eyechart.conditions import OLDER
 from eyechart.seeds import key_seed
 from eyechart.stats.jackknife import LEAST_EPISODES, mean_of_frames
 from eyechart.stats.order import Density, compared_twice, density, greatest_rise, order_of
-from eyechart.stats.paired import Place, Places, sign_test
+from eyechart.stats.paired_tests import Place, Places, sign_test
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import Answers
 from eyechart.verdicts import MARGIN
@@ -112,7 +112,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Moved:
+class BrakingLevels:
     """Braking levels where one vehicle was moved, from 0 to 1 (full stop), and its distances.
 
     ``levels`` maps a condition, and ``at`` a name of `TWICE`, to arrays of shape (frames,), NaN
@@ -359,7 +359,7 @@ class Moved:
                 kept &= self.strata[one.of] != one.name
         return kept
 
-    def outside_holes(self) -> "Moved":
+    def outside_holes(self) -> "BrakingLevels":
         """Return the data outside the holes: the frames and the pictures in none of them.
 
         If nothing is outside, all data is returned.
@@ -404,7 +404,7 @@ def _parts(names: Symbols) -> Iterator[tuple[str, Mask]]:
         yield from ((one, names == one) for one in several)
 
 
-def moved_of(answers: Answers) -> Moved:
+def moved_of(answers: Answers) -> BrakingLevels:
     """Return the braking levels in a model's answers."""
     nothing = np.full(len(answers.frames), np.nan)
     levels = {name: answers.projection(name, "brake") for name in answers.decisions}
@@ -412,7 +412,7 @@ def moved_of(answers: Answers) -> Moved:
     recorded = {picture: [answers.numbers(column) for column in columns] for picture, columns in AT.items()}
     at = {picture: next((one for one in of if not np.isnan(one).all()), nothing) for picture, of in recorded.items()}
     at["real"] = nothing if answers.gaps is None else np.where(np.isfinite(answers.gaps), answers.gaps, np.nan)
-    return Moved(
+    return BrakingLevels(
         levels={name: level / (full or 1.0) for name, level in levels.items() if level is not None},
         at=at,
         episodes=answers.episodes,

@@ -21,7 +21,7 @@ Symbol = str
 
 
 @dataclass(frozen=True)
-class Row:
+class FrameAnswers:
     """The decisions on one frame, by condition, as far as they have come back."""
 
     given: Mapping[str, Decision[str]]
@@ -59,7 +59,7 @@ class Claim:
     says: str
     against: str
     process: EProcess
-    observe: Callable[[Row], None]
+    observe: Callable[[FrameAnswers], None]
     alpha: float = ALPHA
     frames: int = 0
     most: float = field(init=False)
@@ -69,7 +69,7 @@ class Claim:
         self.most = self.process.log_e
         self.settled = self.most >= -math.log(self.alpha)
 
-    def add(self, row: Row) -> None:
+    def add(self, row: FrameAnswers) -> None:
         """Add a frame, unless the claim is settled already."""
         if self.settled:
             return
@@ -158,14 +158,14 @@ def _mean(
     says: str,
     against: str,
     process: MeanProcess,
-    payoff: Callable[[Row], float],
+    payoff: Callable[[FrameAnswers], float],
     *,
     failed: float = 0.0,
     alpha: float = ALPHA,
 ) -> Claim:
     """Return a claim about the mean payoff per frame; a frame with an error has ``failed``."""
 
-    def observe(row: Row) -> None:
+    def observe(row: FrameAnswers) -> None:
         process.add(failed if row.failed else payoff(row))
 
     return Claim(name, says, against, process, observe, alpha)
@@ -184,7 +184,7 @@ def _scorability(frames: int) -> tuple[Claim, Claim]:
     whole, this = "the whole run's", "this run's"
     process, forecast = MeanProcess(frames, -most, bank=True), MeanProcess(frames, least - 1, bank=True)
 
-    def share(row: Row) -> float:
+    def share(row: FrameAnswers) -> float:
         return sum(row.action(name) is None for name in ("real", "real_repeat")) / 2
 
     return _mean(
@@ -200,19 +200,19 @@ def _scorability(frames: int) -> tuple[Claim, Claim]:
     )
 
 
-def _wavers(row: Row) -> float | None:
+def _wavers(row: FrameAnswers) -> float | None:
     """Return 1 where a repeat changes the decision, else 0; None where one is missing."""
     real, repeat = row.action("real"), row.action("real_repeat")
     return None if real is None or repeat is None else float(real != repeat)
 
 
-def _changed(condition: str) -> Callable[[Row], float | None]:
+def _changed(condition: str) -> Callable[[FrameAnswers], float | None]:
     """Return the excess of changed decisions under a condition over those of a repeat.
 
     A missing decision is not a changed one.
     """
 
-    def changed(row: Row) -> float | None:
+    def changed(row: FrameAnswers) -> float | None:
         wavers, other = _wavers(row), row.action(condition)
         missing = wavers is None or condition not in row.given
         return None if missing else (other not in (None, row.action("real"))) - (wavers or 0.0)
@@ -220,13 +220,13 @@ def _changed(condition: str) -> Callable[[Row], float | None]:
     return changed
 
 
-def _excess(condition: str, level: str) -> Callable[[Row], float | None]:
+def _excess(condition: str, level: str) -> Callable[[FrameAnswers], float | None]:
     """Return the excess of changed answers under a condition over those of a repeat.
 
     It is None where an answer is missing.
     """
 
-    def excess(row: Row) -> float | None:
+    def excess(row: FrameAnswers) -> float | None:
         read = row.action if level == "action" else row.symbol
         real, repeat, other = read("real"), read("real_repeat"), read(condition)
         if real is None or repeat is None or other is None:
@@ -240,14 +240,14 @@ def _bound(
     name: str,
     says: str,
     frames: int,
-    excess: Callable[[Row], float | None],
+    excess: Callable[[FrameAnswers], float | None],
     margin: float = MARGIN,
     against: str = f"the mean excess is {MARGIN} or more",
     alpha: float = ALPHA,
 ) -> Claim:
     """Return the claim that a mean excess is below the margin; frames without one do not count."""
 
-    def payoff(row: Row) -> float:
+    def payoff(row: FrameAnswers) -> float:
         found = excess(row)
         return 0.0 if found is None else margin - found
 
@@ -257,7 +257,7 @@ def _bound(
 def _differs(name: str, level: str) -> Claim:
     process = SymmetryProcess()
 
-    def observe(row: Row) -> None:
+    def observe(row: FrameAnswers) -> None:
         real, blank = (getattr(row, level)(condition) for condition in ("real", "blank"))
         if real is not None and blank is not None and not row.failed:
             process.add(real, blank)
@@ -267,7 +267,7 @@ def _differs(name: str, level: str) -> Claim:
     return Claim(name, f"real and blank get other {what}", against, process, observe)
 
 
-def _harder_near(row: Row) -> int | None:
+def _harder_near(row: FrameAnswers) -> int | None:
     """Return 1 where it brakes harder with the lead near than far, -1 less hard, 0 equally."""
     near, far = (row.action(name) for name in NEAR_FAR)
     if near is None or far is None:
@@ -279,10 +279,10 @@ def _harder_near(row: Row) -> int | None:
 def _near_far(frames: int) -> tuple[Claim, Claim]:
     """Return the claims that it brakes harder with the lead near: at all, and beyond the margin."""
 
-    def payoff(row: Row) -> float:
+    def payoff(row: FrameAnswers) -> float:
         return float(_harder_near(row) or 0)
 
-    def beyond(row: Row) -> float:
+    def beyond(row: FrameAnswers) -> float:
         found = _harder_near(row)
         return 0.0 if found is None else found - MARGIN
 
@@ -295,7 +295,7 @@ def _near_far(frames: int) -> tuple[Claim, Claim]:
     return any_effect, _mean("net_near_far", says, against, process, beyond, alpha=NET_ALPHA)
 
 
-def _swap(row: Row) -> float:
+def _swap(row: FrameAnswers) -> float:
     """Return 1 where a turn swaps under reflection, -1 where it does not, 0 without a turn."""
     turn = row.turn()
     return 0.0 if turn is None else 1.0 if row.space.reflect(turn[0]) == turn[1] else -1.0
@@ -304,7 +304,7 @@ def _swap(row: Row) -> float:
 def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
     pairing = PairingProcess(len(space.directional))
 
-    def observe(row: Row) -> None:
+    def observe(row: FrameAnswers) -> None:
         turn = row.turn()
         if turn is not None and turn[1] in space.directional and not row.failed:
             pairing.add(space.reflect(turn[0]), turn[1])
@@ -322,7 +322,7 @@ def _few_turns(frames: int, space: Discrete) -> Claim:
     says = f"the whole run would hold fewer than {need} turns, too few to show exchange"
     process, against = MeanProcess(frames, least - 1, bank=True), f"this run holds {need} turns or more"
 
-    def payoff(row: Row) -> float:
+    def payoff(row: FrameAnswers) -> float:
         return least - (row.turn() is not None)
 
     return _mean("few_turns", says, against, process, payoff, failed=least - 1, alpha=FORECAST_ALPHA)

@@ -35,7 +35,7 @@ from eyechart.report.charts import (
 )
 from eyechart.report.table import number
 from eyechart.spaces.space import UNPARSED, AnySpace
-from eyechart.stats.paired import Place
+from eyechart.stats.paired_tests import Place
 from eyechart.studies.battery.answers import Symbols
 from eyechart.studies.battery.depth import Window, moved_of
 from eyechart.studies.battery.subjects import Subject

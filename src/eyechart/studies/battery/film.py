@@ -14,8 +14,8 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.perception.view import find_view
 from eyechart.report.charts import font, plain
-from eyechart.report.names import shortener
-from eyechart.studies.battery.planning import plan_of
+from eyechart.report.short_names import shortener
+from eyechart.studies.battery.plans import plan_of
 from eyechart.studies.battery.subjects import find_pictures
 
 WIDTH = 720

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, RANGED, SAMPLED, available, sample
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
-from eyechart.records import Plain
+from eyechart.records import JsonRecord
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.paired import bounded_below, sign_test
+from eyechart.stats.paired_tests import bounded_below, sign_test
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.controls import FEWEST_PAIRS
-from eyechart.studies.battery.depth import BESIDE, PICTURE_OF, Moved, moved_of
+from eyechart.studies.battery.depth import BESIDE, PICTURE_OF, BrakingLevels, moved_of
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, MARGIN
 from eyechart.verdicts.depth import DEPTH
 
@@ -55,7 +55,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Odds(Plain):
+class Odds(JsonRecord):
     """How often a model gets its label at a noise floor; None where the bank lacks what it needs.
 
     ``depth``, and ``depth_associated`` for a run without controls, are keyed by the share of frames
@@ -118,7 +118,7 @@ def odds_of(bank: FrameBank, *, noise: float = NOISE, draws: int = DRAWS, seed: 
     if not 0 <= noise < most:
         raise SpecError(f"--noise is the share of repeats that get another answer, from 0 to {most:.2f}; got {noise:g}")
     slips = most * (1 - np.sqrt(1 - noise / most))
-    drawn = _Drawn(bank, space, float(slips), draws, np.random.default_rng(seed))
+    drawn = _SimulatedAnswers(bank, space, float(slips), draws, np.random.default_rng(seed))
     depth = {_named(share): drawn.depth(share) for share in READS}
     return Odds(
         noise,
@@ -157,7 +157,7 @@ def sampled_of(bank: FrameBank) -> dict[str, int]:
 
 
 @dataclass(frozen=True)
-class _Drawn:
+class _SimulatedAnswers:
     """Draws many models' answers per condition as action codes, shape (draws, frames)."""
 
     bank: FrameBank
@@ -247,24 +247,26 @@ class _Drawn:
             given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes] / self._levels.max())
         draws = min(self.draws, ALONG_DRAWS)
         earned = (
-            DEPTH.ruling(Drawn(replace(shown, levels={name: levels[draw] for name, levels in given.items()})))
+            DEPTH.ruling(
+                SimulatedStatistics(replace(shown, levels={name: levels[draw] for name, levels in given.items()}))
+            )
             is not None
             for draw in range(draws)
         )
         return sum(earned) / draws
 
 
-def _distances(shown: Moved) -> dict[str, Levels]:
+def _distances(shown: BrakingLevels) -> dict[str, Levels]:
     """Return the lead's distance under each condition of depth, NaN where a frame lacks it."""
     found = {name: shown.distance(picture) for name, picture in PICTURE_OF.items()}
     there = ~np.isnan(shown.distance("own"))
     return found | {name: np.where(there, shown.distance("far"), np.nan) for name in (BESIDE, "exchange_apart")}
 
 
-class Drawn(dict[str, Statistic]):
+class SimulatedStatistics(dict[str, Statistic]):
     """The depth statistics of drawn answers, each computed when a rule reads it."""
 
-    def __init__(self, moved: Moved) -> None:
+    def __init__(self, moved: BrakingLevels) -> None:
         near, far = moved.level("lead_near"), moved.level("lead_far")
         both = ~np.isnan(near + far)
         super().__init__(

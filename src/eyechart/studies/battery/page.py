@@ -18,11 +18,11 @@ from eyechart.studies import Tell
 from eyechart.studies.battery.album import BUDGET_BYTES, LEAST_BYTES, NO_PICTURE, Album, make_album
 from eyechart.studies.battery.browser import Texts, about_packed, collect_texts, frames_shown, packed_data
 from eyechart.studies.battery.figures import agreement_down, figures
-from eyechart.studies.battery.opening import opening
-from eyechart.studies.battery.planning import conditions_of, plan_of
+from eyechart.studies.battery.plans import conditions_of, plan_of
 from eyechart.studies.battery.subjects import Evidence, Subject, accounts_of, subjects
+from eyechart.studies.battery.summary import opening
 from eyechart.studies.battery.tables import depth_table, frontier_table, judged_of, statistics_table, verdict_table
-from eyechart.verdicts import LABELS, Stopped, shared_notes
+from eyechart.verdicts import LABELS, StoppingPoint, shared_notes
 
 MODELS_DRAWN = 24
 """The most models with figures of their own in the page."""
@@ -138,7 +138,7 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
     }
 
 
-def _numbers(one: Statistic, stopped: Stopped | None) -> list[tuple[str, str]]:
+def _numbers(one: Statistic, stopped: StoppingPoint | None) -> list[tuple[str, str]]:
     if stopped is not None and isinstance(one, EValue):
         value, calls = f"{one.value:.4g}", f"{stopped.calls} of {stopped.planned}"
         return [("e-value", value), ("settled at", f"{one.threshold:g}"), ("frames", str(one.n)), ("calls", calls)]
@@ -242,7 +242,7 @@ def _word(who: Subject, condition: str, place: int, space: Discrete) -> tuple[st
 
 
 @dataclass(frozen=True, slots=True)
-class Count:
+class ConditionCalls:
     """The calls of one condition: planned, answered, their attempts, and calls without a decision.
 
     ``partial`` says that calls remain to be made; a run that stopped early leaves some out for
@@ -266,7 +266,7 @@ class Count:
         return sum(self.missing)
 
 
-def counts(who: Subject) -> list[Count]:
+def counts(who: Subject) -> list[ConditionCalls]:
     """Return the counts of a model's calls, one row per condition."""
     planned: dict[str, int] = dict.fromkeys(who.run.conditions, 0)
     plan = plan_of(who.run.score.manifest, who.run.score.bank)
@@ -276,14 +276,14 @@ def counts(who: Subject) -> list[Count]:
     for name, count in planned.items():
         took = who.run.score.accounting[who.spec].get(name)
         sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
-        found.append(Count(name, count, *sums, _reasons(took), sums[0] < count and who.model.stopped is None))
+        found.append(ConditionCalls(name, count, *sums, _reasons(took), sums[0] < count and who.model.stopped is None))
     return found
 
 
-def summed(rows: Sequence[Sequence[Count]]) -> list[Count]:
+def summed(rows: Sequence[Sequence[ConditionCalls]]) -> list[ConditionCalls]:
     """Return the counts of several models of one run together, one row per condition."""
     return [
-        Count(
+        ConditionCalls(
             condition=many[0].condition,
             planned=sum(one.planned for one in many),
             answered=sum(one.answered for one in many),

@@ -10,12 +10,12 @@ from eyechart.conditions import CONTROLS, asked_in_stages, available
 from eyechart.frames import FrameBank
 from eyechart.report.table import Column, Mark, Table, columns, of_lines
 from eyechart.stats.agreement import detectable_share, trials_needed
-from eyechart.stats.exchange import Exchanged, exchange_test
-from eyechart.stats.paired import bounded_below, pairs_to_bound
+from eyechart.stats.episode_permutation import EpisodePermutation, exchange_test
+from eyechart.stats.paired_tests import bounded_below, pairs_to_bound
 from eyechart.studies.battery.controls import FEWEST_PAIRS
+from eyechart.studies.battery.early_stop import layout_of, typical
 from eyechart.studies.battery.odds import NOISE, Odds, calls_of, odds_of, sampled_of
 from eyechart.studies.battery.reach import Reach, reach_of
-from eyechart.studies.battery.stopping import layout_of, typical
 from eyechart.verdicts import ALPHA, MARGIN
 
 POWER = 0.80
@@ -194,7 +194,7 @@ def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
         found = exchange_test(levels, ranks, *columns, seed=0, alpha=ALPHA)
     except ValueError as error:
         return None, str(error)
-    smallest = found.smallest_p if isinstance(found, Exchanged) else None
+    smallest = found.smallest_p if isinstance(found, EpisodePermutation) else None
     return smallest, "" if found.p is not None else found.note
 
 

@@ -28,7 +28,7 @@ from eyechart.records import picked
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
 from eyechart.seeds import key_seed
-from eyechart.studies.battery.planning import STUDY, Asking, Battery, open_whole, plan_of, planned
+from eyechart.studies.battery.plans import STUDY, Battery, BatterySettings, open_whole, plan_of, planned
 from eyechart.studies.battery.stages import staged, stages_of, widest
 
 FORMAT = "eyechart-asked/2"
@@ -132,7 +132,7 @@ class Questions:
             yield key, self.plan.query(key, stimuli.show(key.condition, key.frame))
 
 
-def questions_of(bank: Path, asking: Asking, model: str | None = None) -> Questions:
+def questions_of(bank: Path, asking: BatterySettings, model: str | None = None) -> Questions:
     """Return the calls of a battery on a bank; ``model`` is the SPEC that seeds them.
 
     Raises BankError and SpecError as `plan` does.

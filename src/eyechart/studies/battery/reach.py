@@ -20,13 +20,13 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated import Calibrated, Found
+from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.controls import SIDES
 from eyechart.studies.battery.depth import AT, BESIDE, PICTURE_OF, moved_of
 from eyechart.studies.battery.odds import calls_of
-from eyechart.studies.battery.published import Published, Resampling
+from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
 from eyechart.verdicts import LABELS, calibrated_rules, lateral_rules
-from eyechart.verdicts.calibrated import DISTANCE, earns_lateral
+from eyechart.verdicts.battery_rules import DISTANCE, earns_lateral
 from eyechart.verdicts.ruling import Ruling
 
 MOST_TIMES, MOST_FRAMES = 8, 4000
@@ -200,17 +200,17 @@ def _ruled(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
     found, answers = _found(_CONTROLLERS[label], bank, frames, without)
     turns = False
     if label == "depth_lateral":
-        known = ChainMap({"mirror_swap_rate": Published(answers, _HOW).swaps()}, found)  # type: ignore[arg-type]
+        known = ChainMap({"mirror_swap_rate": PaperStatistics(answers, _HOW).swaps()}, found)  # type: ignore[arg-type]
         turns = earns_lateral(known, lateral_rules(known, answers.directions()).label)
     return calibrated_rules(found, turns=turns)[0]
 
 
 def _found(
     choose: "Choose", bank: FrameBank, frames: tuple[Frame, ...], without: Sequence[str] = ()
-) -> tuple[Found, Answers]:
+) -> tuple[CalibratedStatistics, Answers]:
     """Return a controller's statistics and answers, if the bank had these frames."""
     answers = _Ideal(bank, frames).answers(choose, without=without)
-    return Found(Calibrated(answers, _HOW)), answers
+    return CalibratedStatistics(CalibratedTests(answers, _HOW)), answers
 
 
 @dataclass(frozen=True)

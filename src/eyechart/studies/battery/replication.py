@@ -20,7 +20,7 @@ from eyechart.spaces.space import UNPARSED
 from eyechart.stats.association import cramers_v_of_tables, entropy_of_counts, information_of_tables, quantile_bins
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.jackknife import over_counts
-from eyechart.stats.resampling import permutation_p, ratio_of_sums
+from eyechart.stats.resamples import permutation_p, ratio_of_sums
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.studies.battery.answers import ABSENT, Answers
 
@@ -34,7 +34,7 @@ _METHOD = "second run minus first; two-sided randomisation test that exchanges t
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Difference(Statistic):
+class StatisticDifference(Statistic):
     """The difference of a statistic between two runs, with its value in each."""
 
     first: float
@@ -127,7 +127,7 @@ class _Pair:
         p = self._p(codes, measure, second - first, name)
         ci, note = interval.ci, interval.note
         method = f"{_METHOD}, B={self.resamples}; {interval.method}"
-        return Difference(second - first, n, ci, p, method, note, first=first, second=second)
+        return StatisticDifference(second - first, n, ci, p, method, note, first=first, second=second)
 
     def _resampled(self, codes: Codes, measure: Measure, counts: Floats) -> Floats:
         parts = []

@@ -22,7 +22,7 @@ MOST_BYTES = 200_000_000
 """The most bytes of pictures to compare: making their digests then takes no longer than a score."""
 _OF_BANK = "pictures of the bank"
 
-Asked = Mapping[str, CallKey]
+RequestKeys = Mapping[str, CallKey]
 """The digests of requests about one frame under one condition, each with its first call."""
 
 
@@ -35,7 +35,7 @@ def require_requests(ledger: Ledger, manifest: RunManifest, plan: Plan) -> None:
     all. What cannot be known is passed over: a row without a digest, pictures that are gone or
     differ, and a view or condition that no longer exists.
     """
-    asked, held = _asked_in(ledger, plan), _Held(ledger.path.parent, manifest, plan)
+    asked, held = _asked_in(ledger, plan), _RequestComparison(ledger.path.parent, manifest, plan)
     for condition, frame in sorted(asked, key=lambda shown: shown[0] != "text_only"):
         with suppress(EyechartError):
             held.compare(condition, frame, asked[condition, frame])
@@ -65,7 +65,7 @@ def _words(wrong: list[CallKey]) -> str:
 
 
 @dataclass
-class _Held:
+class _RequestComparison:
     """The requests of a run, compared frame by frame; ``wrong`` are the calls that differ."""
 
     run: Path
@@ -102,7 +102,7 @@ class _Held:
         bank = replace(self._bank, plain=self.plan.bank.plain)
         return replace(self.plan, bank=bank, view=find_view(self.manifest.view)).stimuli()
 
-    def compare(self, condition: str, frame: str, asked: Asked) -> None:
+    def compare(self, condition: str, frame: str, asked: RequestKeys) -> None:
         """Compare the requests about a frame under a condition.
 
         Raises BankError where a picture cannot be read or is not the run's, so that nothing can be

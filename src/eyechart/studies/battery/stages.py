@@ -14,13 +14,13 @@ from eyechart.manifest import RunManifest
 from eyechart.run import Plan, Stages, in_order
 from eyechart.seeds import key_seed
 from eyechart.studies.battery.answers import read_answers
-from eyechart.studies.battery.calibrated import Calibrated, Found
-from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import controls_wanted
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ControlProgress:
     """The controls for a model, by its answers so far.
 
     ``judged`` are the controls of finished stages, ``open`` those of the current stage. ``most``
@@ -59,13 +59,13 @@ def widest(manifest: RunManifest, plan: Plan) -> Plan:
 
 def asked_of_model(
     plan: Plan, model: str, replies: Iterable[tuple[CallKey, Reply]], may: Sequence[str], begun: Sequence[str] = ()
-) -> Asked:
+) -> ControlProgress:
     """Return a model's controls, out of those that it ``may`` have, from its replies.
 
     ``begun`` are controls that its finished answers called for already; they are not derived again.
     """
     if not may:
-        return Asked(ended=True)
+        return ControlProgress(ended=True)
     given = list(replies)
     finished = {key for key, reply in given if reply.error not in UNFINISHED}
     may = [name for name in may if name != AGAIN or not _is_older(plan, model, finished)]
@@ -81,11 +81,13 @@ def asked_of_model(
     while finished.issuperset(replace(plan, controls={model: (*judged, *wanted)}).keys_of(model)):
         judged = (*judged, *wanted)
         part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
-        found = Found(Calibrated(part, Resampling(seed=plan.seed), sure))  # however the run is scored
+        found = CalibratedStatistics(
+            CalibratedTests(part, Resampling(seed=plan.seed), sure)
+        )  # however the run is scored
         wanted = controls_wanted(found, supplied=may, asked=judged)
         if not wanted:
-            return Asked(judged, ended=True)
-    return Asked(judged, wanted, tuple(name for name in may if name not in judged + wanted))
+            return ControlProgress(judged, ended=True)
+    return ControlProgress(judged, wanted, tuple(name for name in may if name not in judged + wanted))
 
 
 def _is_older(plan: Plan, model: str, finished: Collection[CallKey]) -> bool:
@@ -95,12 +97,12 @@ def _is_older(plan: Plan, model: str, finished: Collection[CallKey]) -> bool:
     return all(absent) and not any(again)
 
 
-def staged(plan: Plan, found: Mapping[str, Asked]) -> Plan:
+def staged(plan: Plan, found: Mapping[str, ControlProgress]) -> Plan:
     """Return a plan with the controls of its models."""
     return replace(plan, controls={spec: found[spec].controls for spec in plan.models if found[spec].controls})
 
 
-def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict[str, Asked]:
+def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict[str, ControlProgress]:
     """Return each model's controls in a ``whole`` run, from its ledger; None is an empty ledger."""
     may = supplied(manifest, whole)
     return {
@@ -109,7 +111,7 @@ def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict
     }
 
 
-class InStages(Stages):
+class AdaptiveStages(Stages):
     """Runs the controls of each model, stage by stage.
 
     ``plan`` has the calls of now, of a ``whole`` run. A model's replies are read from the ledger

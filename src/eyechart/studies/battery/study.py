@@ -11,9 +11,20 @@ from eyechart.gate import REQUIREMENTS, Gate, Terms, hold
 from eyechart.manifest import BANK, RunManifest, asked_space, read_manifest, read_run
 from eyechart.models.prices import Prices
 from eyechart.spaces.space import AnySpace
-from eyechart.studies import NO_DRIVES, Finding, Made, Packed, Reading, S, Study, Tell, Took, run_json
-from eyechart.studies.battery.planning import STUDY
-from eyechart.studies.battery.scoring import BatteryScore, require_scorable, score, score_run, took
+from eyechart.studies import (
+    NO_DRIVES,
+    BundledRun,
+    ModelSummary,
+    ReadOptions,
+    RunCosts,
+    S,
+    Study,
+    StudyReport,
+    Tell,
+    run_json,
+)
+from eyechart.studies.battery.plans import STUDY
+from eyechart.studies.battery.scores import BatteryScore, require_scorable, score, score_run, took
 from eyechart.verdicts import LABELS, Verdict, judge, words_of
 
 if TYPE_CHECKING:
@@ -24,7 +35,7 @@ if TYPE_CHECKING:
     from eyechart.studies.battery.subjects import Evidence
 
 
-class OfFrames(Study[S]):
+class FrameStudy(Study[S]):
     """A study whose runs are calls about a bank's frames; ``names`` are its names in manifests."""
 
     names: ClassVar[Sequence[str]]
@@ -41,16 +52,16 @@ class OfFrames(Study[S]):
         space = asked_space(read_bank_manifest(run / BANK), manifest.prompt, manifest.reader)
         return manifest, manifest.prompt.asks(space)
 
-    def took_run(self, run: Path, prices: Prices) -> Took:
-        return Took(*took(run, prices=prices), probes=dict(read_manifest(run).probes))
+    def took_run(self, run: Path, prices: Prices) -> RunCosts:
+        return RunCosts(*took(run, prices=prices), probes=dict(read_manifest(run).probes))
 
-    def require_scorable(self, run: Path, reading: Reading) -> None:
+    def require_scorable(self, run: Path, reading: ReadOptions) -> None:
         manifest, bank = read_run(run, reread=reading.reread)
         reader = manifest.prompt.asks(bank.manifest.action_space).reader
         manifest.require_reader(run, (reader,), reread=reading.reread)
 
 
-class BatteryStudy(OfFrames[BatteryScore]):
+class BatteryStudy(FrameStudy[BatteryScore]):
     """The input-ablation battery."""
 
     names = (STUDY,)
@@ -58,7 +69,7 @@ class BatteryStudy(OfFrames[BatteryScore]):
     requirements = REQUIREMENTS
     required = "depth"
 
-    def score(self, folder: Path, reading: Reading) -> BatteryScore:
+    def score(self, folder: Path, reading: ReadOptions) -> BatteryScore:
         found = score(
             folder,
             independent=reading.independent,
@@ -71,10 +82,10 @@ class BatteryStudy(OfFrames[BatteryScore]):
     def verdicts(self, score: BatteryScore) -> Mapping[str, Verdict]:
         return judge(score)
 
-    def findings(self, score: BatteryScore) -> Mapping[str, Finding]:
+    def findings(self, score: BatteryScore) -> Mapping[str, ModelSummary]:
         found = {}
         for spec, one in judge(score).items():
-            said = Finding.of(one.calibrated, LABELS[one.calibrated.label], one.state, one.marks)
+            said = ModelSummary.of(one.calibrated, LABELS[one.calibrated.label], one.state, one.marks)
             found[spec] = replace(said, answer=one.answer)
         return found
 
@@ -113,13 +124,13 @@ class BatteryStudy(OfFrames[BatteryScore]):
     def gate(self, score: BatteryScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
         return hold(score, require, **terms)
 
-    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         from eyechart.studies.battery.subjects import read_evidence
 
         return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
 
     def paper(
-        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell
     ) -> "Iterator[Table | Drawing]":
         from eyechart.report.charts import style
         from eyechart.studies.battery.figures import agreement, information
@@ -133,12 +144,12 @@ class BatteryStudy(OfFrames[BatteryScore]):
             yield agreement(everyone, as_paper=True).labelled("fgr:bicb")
             yield from (one.labelled("mi-of-frames") for one in information(everyone))
 
-    def require_scorable(self, run: Path, reading: Reading) -> None:
+    def require_scorable(self, run: Path, reading: ReadOptions) -> None:
         require_scorable(
             run, *read_run(run, reread=reading.reread), independent=reading.independent, reread=reading.reread
         )
 
-    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[BatteryScore, Made]:
+    def derive(self, run: BundledRun, reading: ReadOptions, tell: Tell) -> tuple[BatteryScore, StudyReport]:
         from eyechart.studies.battery.subjects import SHOWN, evidence_of
 
         resamples, independent = reading.resamples, reading.independent
@@ -146,7 +157,7 @@ class BatteryStudy(OfFrames[BatteryScore]):
         return found, _made([evidence_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
 
 
-def _made(evidence: "Sequence[Evidence]", tell: Tell) -> Made:
+def _made(evidence: "Sequence[Evidence]", tell: Tell) -> StudyReport:
     from eyechart.report.accounts import deployment_tables
     from eyechart.studies.battery.page import make_page
     from eyechart.studies.battery.subjects import accounts_of, subjects
@@ -159,4 +170,4 @@ def _made(evidence: "Sequence[Evidence]", tell: Tell) -> Made:
     ]
     everyone = subjects(evidence)
     tables = [*tables_of(judged_of(everyone)), *deployment_tables(accounts_of(everyone))]
-    return Made(make_page(evidence, tell=tell), tables, lacking)
+    return StudyReport(make_page(evidence, tell=tell), tables, lacking)

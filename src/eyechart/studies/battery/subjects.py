@@ -13,8 +13,8 @@ from eyechart.frames import Frame, FrameBank, check, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, LEDGER, RunManifest, asked_of
 from eyechart.studies import Tell, names_of
-from eyechart.studies.battery.planning import plan_of
-from eyechart.studies.battery.scoring import CallsScore, M, ModelScore
+from eyechart.studies.battery.plans import plan_of
+from eyechart.studies.battery.scores import CallsScore, M, ModelScore
 from eyechart.studies.battery.stages import widest
 from eyechart.verdicts import Verdict, judge
 
@@ -55,7 +55,7 @@ class RunEvidence(Generic[M]):
 
 
 @dataclass(frozen=True)
-class OfModel(Generic[M]):
+class ModelInRun(Generic[M]):
     """A model in a run. ``label`` names the run too where a report holds several runs."""
 
     label: str
@@ -74,7 +74,7 @@ class OfModel(Generic[M]):
 
 
 Evidence = RunEvidence[ModelScore]
-Subject = OfModel[ModelScore]
+Subject = ModelInRun[ModelScore]
 """A battery, and a model in it."""
 
 
@@ -119,16 +119,18 @@ def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
     return {file for name, frame in shown for file in plan.sources(name, bank.frame(frame))}
 
 
-def accounts_of(everyone: Sequence[OfModel[M]]) -> dict[str, Account]:
+def accounts_of(everyone: Sequence[ModelInRun[M]]) -> dict[str, Account]:
     """Return the cost of all calls of each model, by its label."""
     return {who.label: who.run.score.accounting[who.spec][ALL] for who in everyone}
 
 
-def subjects(evidence: Sequence[RunEvidence[M]]) -> list[OfModel[M]]:
+def subjects(evidence: Sequence[RunEvidence[M]]) -> list[ModelInRun[M]]:
     """Return every model of every run, in order."""
     several = len(evidence) > 1
     return [
-        OfModel(f"{run.name} · {spec}" if several else spec, spec, run) for run in evidence for spec in run.score.models
+        ModelInRun(f"{run.name} · {spec}" if several else spec, spec, run)
+        for run in evidence
+        for spec in run.score.models
     ]
 
 

@@ -24,26 +24,26 @@ from eyechart.report.table import (
 )
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.published import median_gaps
+from eyechart.studies.battery.paper_statistics import median_gaps
 from eyechart.studies.battery.subjects import Subject
 from eyechart.verdicts import LABELS, NOT_JUDGED, Verdict
 from eyechart.verdicts.numbers import ASKS, FIRST, SIGNS
 
-Judged = tuple[str, ModelScore, Verdict]
+JudgedModel = tuple[str, ModelScore, Verdict]
 """A model's label, its score and its verdict."""
 
 
-def judged_of(everyone: Sequence[Subject]) -> list[Judged]:
+def judged_of(everyone: Sequence[Subject]) -> list[JudgedModel]:
     """Return the models of a report's evidence, judged."""
     return [(who.label, who.model, who.verdict) for who in everyone]
 
 
-def judged(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> list[Judged]:
+def judged(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> list[JudgedModel]:
     """Return the models of one run, judged."""
     return [(spec, score.models[spec], verdict) for spec, verdict in verdicts.items()]
 
 
-def tables_of(everyone: Sequence[Judged]) -> tuple[Table, ...]:
+def tables_of(everyone: Sequence[JudgedModel]) -> tuple[Table, ...]:
     """Return every table of judged models."""
     along = depth_table(everyone)
     return (
@@ -54,7 +54,7 @@ def tables_of(everyone: Sequence[Judged]) -> tuple[Table, ...]:
     )
 
 
-def glance_table(everyone: Sequence[Judged]) -> Table:
+def glance_table(everyone: Sequence[JudgedModel]) -> Table:
     """Return one row per model: both verdicts, the lateral label, and the deciding statistic."""
     state = any(verdict.state for _, _, verdict in everyone)
     named = columns("word", "verdict", "lateral", "paper's rules", "decided by")
@@ -77,7 +77,7 @@ def _label(verdict: Verdict) -> Mark:
     return Mark(label, LABELS[label].family, MARK if verdict.failed else "")
 
 
-def verdict_table(everyone: Sequence[Judged]) -> Table:
+def verdict_table(everyone: Sequence[JudgedModel]) -> Table:
     """Return one row per model: labels, evidence, and the deciding statistic."""
     named = columns("text", "model", "answer", "verdict", "lateral", "evidence", "paper's verdict", "decided by")
     rows = []
@@ -95,7 +95,7 @@ TONES: Mapping[str, str] = {"holds": "good", "fails": "bad"}
 """The tone of an outcome; a page shows the other outcomes by their sign alone."""
 
 
-def depth_table(everyone: Sequence[Judged]) -> Table:
+def depth_table(everyone: Sequence[JudgedModel]) -> Table:
     """Return a row per number that depth rests on, for models with pictures along the range."""
     rows = tuple(
         (
@@ -136,7 +136,7 @@ def frontier_rows(score: ModelScore) -> dict[str, str]:
     }
 
 
-def frontier_table(everyone: Sequence[Judged]) -> Table:
+def frontier_table(everyone: Sequence[JudgedModel]) -> Table:
     """Return the paper's Table t:frontier: one column per model, with both verdicts below."""
     made = [frontier_rows(model) for _, model, _ in everyone]
     rows: list[tuple[Cell, ...]] = [(name, *(one[name] for one in made)) for name in (made[0] if made else ())]
@@ -255,7 +255,7 @@ def _gaps(answers: Answers) -> Sequence[float | None]:
     return [None] * len(answers.frames) if answers.gaps is None else answers.gaps.tolist()
 
 
-def statistics_table(everyone: Sequence[Judged]) -> Table:
+def statistics_table(everyone: Sequence[JudgedModel]) -> Table:
     """Return every statistic of every model; Holm p is corrected over the models of a run."""
     rows = tuple(
         (label, name, *statistic_cells(one), model.holm.get(name), one.method, one.note, one.unit)
@@ -293,7 +293,7 @@ MAIN: Mapping[str, str] = {
 _SHOWN = 5
 
 
-def group_tables(everyone: Sequence[Judged]) -> Iterator[Table]:
+def group_tables(everyone: Sequence[JudgedModel]) -> Iterator[Table]:
     """Yield every statistic, a table per model and group, without the methods."""
     every = statistics_table(everyone)
     kept = [place for place, one in enumerate(every.columns) if one.name != "method"]

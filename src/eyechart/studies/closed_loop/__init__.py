@@ -3,13 +3,14 @@
 Source: paper, Tables t:baselines and t:degeneracy.
 """
 
-from eyechart.studies.closed_loop.audit import Degeneracy, Replay, measured
-from eyechart.studies.closed_loop.blind import CANNOT_SAY, DIFFERS, Blind, blind_baselines, bounds
+from eyechart.studies.closed_loop.audit import Degeneracy, ReplayComparison, measured
+from eyechart.studies.closed_loop.blind_baseline import CANNOT_SAY, DIFFERS, BlindBaseline, blind_baselines, bounds
+from eyechart.studies.closed_loop.drives import Driver, Drives, read_drives
 from eyechart.studies.closed_loop.ladder import (
     LEVEL,
-    Outcomes,
-    Paired,
-    Rung,
+    LadderRow,
+    PairedDifference,
+    SuccessCriteria,
     against,
     corrected,
     exact_rate,
@@ -17,25 +18,24 @@ from eyechart.studies.closed_loop.ladder import (
     outcomes_of,
     paired,
 )
-from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives
-from eyechart.studies.closed_loop.replaying import verify
-from eyechart.studies.closed_loop.study import NO_LEDGER, ClosedLoopScore, OfEpisodes, score, served_of, unfinished_of
+from eyechart.studies.closed_loop.replay import verify
+from eyechart.studies.closed_loop.study import NO_LEDGER, ClosedLoopScore, EpisodeStudy, score, served_of, unfinished_of
 
 __all__ = [
     "CANNOT_SAY",
     "DIFFERS",
     "LEVEL",
     "NO_LEDGER",
-    "Blind",
+    "BlindBaseline",
     "ClosedLoopScore",
     "Degeneracy",
     "Driver",
     "Drives",
-    "OfEpisodes",
-    "Outcomes",
-    "Paired",
-    "Replay",
-    "Rung",
+    "EpisodeStudy",
+    "LadderRow",
+    "PairedDifference",
+    "ReplayComparison",
+    "SuccessCriteria",
     "against",
     "blind_baselines",
     "bounds",

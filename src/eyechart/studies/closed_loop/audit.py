@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from eyechart.episodes import Step
 from eyechart.policies import Observation
 from eyechart.policies.scripted import NEEDS, Oracle
-from eyechart.records import Written
+from eyechart.records import KeyedRecord
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import MISSING
 from eyechart.stats.agreement import rate
 from eyechart.stats.association import contingency, entropy_bits, modal_share, quantile_bins
+from eyechart.stats.episode_permutation import exchange_mi_test
 from eyechart.stats.episodes import share_over_episodes
-from eyechart.stats.exchange import exchange_mi_test
-from eyechart.stats.resampling import holm, permute_agreement, permute_mutual_information
-from eyechart.stats.statistic import Measured, Statistic, cannot_say
+from eyechart.stats.resamples import holm, permute_agreement, permute_mutual_information
+from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.studies.closed_loop.drives import MODAL_CONSTANT, Driver, Drives
 from eyechart.studies.closed_loop.ladder import LEVEL
-from eyechart.studies.closed_loop.reading import MODAL_CONSTANT, Driver, Drives
 
 GAP, SIDE = "lead_gap_m", "nearest_side"
 BINS = 4
@@ -35,14 +35,14 @@ GAP_AND_SIDE = "gap in quartiles × side of the nearest obstacle"
 
 
 @dataclass(frozen=True)
-class Scene:
+class SceneLabels:
     """The scene label of each step; ``geometry`` says of what, "" where the truth has no gap."""
 
     codes: NDArray[np.int64]
     geometry: str
 
 
-def scene_of(drives: Drives) -> Scene:
+def scene_of(drives: Drives) -> SceneLabels:
     """Return the scene at each step of a driver, by the quartiles of its gaps.
 
     A missing gap counts as the farthest. Where the truth names the side of the nearest obstacle
@@ -51,18 +51,18 @@ def scene_of(drives: Drives) -> Scene:
     steps = drives.steps
     told = [None if isinstance(gap, bool) or not isinstance(gap, int | float) else gap for gap in drives.truth(GAP)]
     if any(GAP not in step.truth for step in steps) or all(gap is None for gap in told):
-        return Scene(np.zeros(len(steps), dtype=np.int64), "")
+        return SceneLabels(np.zeros(len(steps), dtype=np.int64), "")
     bins = quantile_bins(told, BINS)
     if not all(SIDE in step.truth for step in steps):
-        return Scene(bins.codes, GAP_ALONE)
+        return SceneLabels(bins.codes, GAP_ALONE)
     sides = np.array([str(step.truth[SIDE]) for step in steps], dtype=np.str_)
     _, side = np.unique(sides, return_inverse=True)
     _, codes = np.unique(bins.codes * (int(side.max()) + 1) + side, return_inverse=True)
-    return Scene(codes.astype(np.int64), GAP_AND_SIDE)
+    return SceneLabels(codes.astype(np.int64), GAP_AND_SIDE)
 
 
 @dataclass(frozen=True)
-class Degeneracy(Written):
+class Degeneracy(KeyedRecord):
     """One driver's row. ``geometry`` says what the information is about.
 
     ``statistics``: modal_share, distinct_actions, entropy_bits, information_bits (its p takes steps
@@ -139,7 +139,9 @@ BITS = {"mutual_information.decision": "information_bits", "entropy": "entropy_b
 """The battery's names of the same statistics."""
 
 
-def measured(drives: Sequence[Drives], unfinished: Mapping[str, str], *, resamples: int = 5000) -> tuple[Measured, ...]:
+def measured(
+    drives: Sequence[Drives], unfinished: Mapping[str, str], *, resamples: int = 5000
+) -> tuple[ModelStatistics, ...]:
     """Return the audit of every model that drove with real pictures, also by the battery's names.
 
     Crash and success are left out, because they are compared with blind policies in the same
@@ -151,7 +153,7 @@ def measured(drives: Sequence[Drives], unfinished: Mapping[str, str], *, resampl
             row = degeneracy(one, resamples=resamples).statistics
             also = {name: row[mine] for name, mine in BITS.items()}
             who = one.driver.policy
-            found.append(Measured(who, one.driver.simulator, {**also, **row}, unfinished.get(who, "")))
+            found.append(ModelStatistics(who, one.driver.simulator, {**also, **row}, unfinished.get(who, "")))
     return tuple(found)
 
 
@@ -272,7 +274,7 @@ CONTROLLERS: dict[str, Callable[[Step], str | None]] = {"oracle": _oracle, "dema
 
 
 @dataclass(frozen=True)
-class Replay(Written):
+class ReplayComparison(KeyedRecord):
     """One driver compared with one controller.
 
     ``agreement`` has an interval over episodes. ``constants`` maps each action to the agreement of
@@ -296,7 +298,7 @@ class Replay(Written):
         return max(known, key=lambda pair: pair[1], default=None)
 
 
-def replays(drives: Drives, *, resamples: int = 5000) -> list[Replay]:
+def replays(drives: Drives, *, resamples: int = 5000) -> list[ReplayComparison]:
     """Return a driver's comparison with each controller that the truth allows, by decisions."""
     found = []
     for name, controller in CONTROLLERS.items():
@@ -308,7 +310,9 @@ def replays(drives: Drives, *, resamples: int = 5000) -> list[Replay]:
             seed = key_seed("replay", drives.driver.simulator, drives.driver.policy, drives.driver.condition, name)
             agreement = _agreement(actions == wanted, worlds)
             constants = {one: _agreement(wanted == one, worlds) for one in drives.space.actions}
-            found.append(Replay(drives.driver, name, agreement, constants, _shuffled(actions, wanted, seed, resamples)))
+            found.append(
+                ReplayComparison(drives.driver, name, agreement, constants, _shuffled(actions, wanted, seed, resamples))
+            )
     return found
 
 

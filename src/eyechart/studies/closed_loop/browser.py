@@ -11,7 +11,7 @@ from eyechart.report.page import evenly
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import data_uri, encode_small
 from eyechart.studies.closed_loop import ClosedLoopScore, Drives
-from eyechart.studies.closed_loop.replaying import decided, episode_id, replay
+from eyechart.studies.closed_loop.replay import decided, episode_id, replay
 
 MOST_EPISODES = 1000
 MOST_STEPS = 60_000
@@ -28,14 +28,14 @@ TEXT_BUDGET = 4_000_000
 
 
 @dataclass(frozen=True)
-class Shown:
+class BrowserData:
     """The browser's data, and ``notes`` on what it leaves out."""
 
     data: dict[str, object]
     notes: tuple[str, ...]
 
 
-def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell = lambda _: None) -> Shown:
+def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell = lambda _: None) -> BrowserData:
     """Return the browser's data; ``pictured`` episodes are replayed for their pictures."""
     every = [(one, episode) for one in score.drives for episode in (*one.episodes, *one.errors)]
     steps = sum(len(episode.steps) for _, episode in every)
@@ -55,7 +55,7 @@ def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell 
         notes.append(f"{texts.cut} replies are cut or left out; the ledger has all of them.")
     roles = {action: one.space.role(action) for one in score.drives for action in one.space.actions}
     data = {"episodes": episodes, "pictures": album.uris, "texts": texts.kept, "roles": roles}
-    return Shown(data, tuple(notes))
+    return BrowserData(data, tuple(notes))
 
 
 def _chosen(

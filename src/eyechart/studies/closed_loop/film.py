@@ -19,8 +19,8 @@ from eyechart.report.overlay import STROKES, over, pieces, plan_words
 from eyechart.report.page import fill
 from eyechart.simulators import Sketch
 from eyechart.studies.battery.album import data_uri, webp
-from eyechart.studies.closed_loop.reading import Drives
-from eyechart.studies.closed_loop.replaying import Shot, decided, episode_id, replay
+from eyechart.studies.closed_loop.drives import Drives
+from eyechart.studies.closed_loop.replay import ReplayMoment, decided, episode_id, replay
 
 WIDTH = 720
 STRIP = 26
@@ -33,7 +33,7 @@ MOST_BYTES = 40_000_000
 
 
 @dataclass(frozen=True)
-class Line:
+class Caption:
     """The words under a picture."""
 
     place: str
@@ -45,13 +45,13 @@ class Line:
     plan: str = ""
 
 
-def lines(drives: Drives, episode: Episode) -> list[Line]:
+def lines(drives: Drives, episode: Episode) -> list[Caption]:
     """Return the words of every step; a model's reply is as in the ledger."""
     replies = drives.texts
     world, count = episode.key.world, len(episode.steps)
     tells = any(gap is not None for gap in drives.truth("lead_gap_m"))
     found = [
-        Line(
+        Caption(
             place=f"{world} · decision {number} of {count} · shown: {episode.key.condition}",
             decision=decided(step),
             executed=step.executed_action,
@@ -62,7 +62,7 @@ def lines(drives: Drives, episode: Episode) -> list[Line]:
         for number, step in enumerate(episode.steps, 1)
     ]
     ended = f"ended: {episode.ended} {episode.detail}".strip()
-    return [*found, Line(f"{world} · end", "", "", ended, "", substituted=False)]
+    return [*found, Caption(f"{world} · end", "", "", ended, "", substituted=False)]
 
 
 def _state(gap: object, speed_mps: float | None, *, tells: bool, crashed: bool) -> str:
@@ -95,10 +95,10 @@ def write_film(drives: Drives, episode: Episode, out: Path, *, fps: float = 2.0)
 class _Film:
     drives: Drives
     episode: Episode
-    words: Sequence[Line]
+    words: Sequence[Caption]
     fps: float
 
-    def moments(self) -> Iterator[tuple[Shot, Line]]:
+    def moments(self) -> Iterator[tuple[ReplayMoment, Caption]]:
         """Yield the steps of the replay with their words."""
         for shot, line in zip(replay(self.drives, self.episode), self.words, strict=True):
             yield shot, replace(line, plan=plan_words(shot.sketch, shot.step))
@@ -112,7 +112,7 @@ class _Film:
             yield draw(shot, line, roles, number, planning=planning)
 
 
-def draw(shot: Shot, line: Line, roles: Sequence[str], now: int, *, planning: bool = False) -> Image.Image:
+def draw(shot: ReplayMoment, line: Caption, roles: Sequence[str], now: int, *, planning: bool = False) -> Image.Image:
     """Return one picture of a film, of even size: the camera's, words, and a strip of all steps.
 
     A film of a drive with a controller is ``planning`` from its first picture on: it has a line for

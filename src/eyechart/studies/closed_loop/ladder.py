@@ -11,21 +11,21 @@ from pathlib import Path
 
 import numpy as np
 
-from eyechart.episodes import ACTION_MAP, Episode, Episodes, Setup, plan
+from eyechart.episodes import ACTION_MAP, Episode, EpisodesRun, Setup, plan
 from eyechart.errors import SpecError, counted
 from eyechart.modes import RequestMode
-from eyechart.planned import Allowed
+from eyechart.planned_run import RunAllowance
 from eyechart.policies import open_policy
-from eyechart.records import Written
+from eyechart.records import KeyedRecord
 from eyechart.seeds import key_seed
 from eyechart.simulators import declared_by, open_simulator
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.agreement import clopper_pearson, rate
-from eyechart.stats.flips import sign_flip_test
-from eyechart.stats.paired import Discordant, mcnemar_exact, paired_difference
-from eyechart.stats.resampling import holm
+from eyechart.stats.paired_tests import DiscordantPairs, mcnemar_exact, paired_difference
+from eyechart.stats.resamples import holm
+from eyechart.stats.sign_flip import sign_flip_test
 from eyechart.stats.statistic import Statistic, cannot_say
-from eyechart.studies.closed_loop.reading import Driver, Drives
+from eyechart.studies.closed_loop.drives import Driver, Drives
 
 SEEDS = 8
 
@@ -44,10 +44,10 @@ def ladder_policies(space: Discrete) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Ladder(Episodes):
+class Ladder(EpisodesRun):
     """The episodes of a ladder, or the rest of them."""
 
-    def lines(self, how: Allowed) -> Iterator[str]:
+    def lines(self, how: RunAllowance) -> Iterator[str]:
         """Yield the number of episodes, and the expected cost of the models' calls."""
         yield f"{counted(len(self.keys), 'episode')}, {len(self.keys) - len(self.left())} driven already"
         yield from self.forecast(how)
@@ -76,7 +76,7 @@ def plan_ladder(
     return Ladder(**{**vars(made), "again": again})
 
 
-def require_reference(planned: Episodes, against: str | None) -> None:
+def require_reference(planned: EpisodesRun, against: str | None) -> None:
     """Raise SpecError where the reference policy is not among those that drive."""
     if against is not None and against not in planned.manifest.policies:
         known = ", ".join(planned.manifest.policies)
@@ -97,7 +97,7 @@ NUMBERS = {name: attrgetter(name) for name in ("distance_m", "reward", "speed_mp
 
 
 @dataclass(frozen=True)
-class Outcomes:
+class SuccessCriteria:
     """The definition of success: the goal, or in ``without_goal`` scenarios the time limit.
 
     A scenario has a goal where any of the episodes reached one, or where the simulator declares it.
@@ -113,17 +113,17 @@ class Outcomes:
         return episode.ended == "goal" or (episode.ended == "time" and not goal)
 
 
-def outcomes_of(drives: Sequence[Drives]) -> Outcomes:
+def outcomes_of(drives: Sequence[Drives]) -> SuccessCriteria:
     """Return the definition of success in the worlds of these drives."""
     declared = {name: declared_by(name) for name in {one.driver.simulator for one in drives}}
     goals = {name for name, one in declared.items() if one is not None and one.has_goal}
     every = [episode for one in drives for episode in one.episodes]
     reached = (one.key for one in every if one.ended == "goal" or one.key.simulator in goals)
-    return Outcomes(frozenset((key.simulator, key.scenario) for key in reached))
+    return SuccessCriteria(frozenset((key.simulator, key.scenario) for key in reached))
 
 
 @dataclass(frozen=True)
-class Rung(Written):
+class LadderRow(KeyedRecord):
     """One driver's row of statistics with n and interval; exact for rates (Clopper-Pearson)."""
 
     written = "*driver episodes_in_error=errors statistics"
@@ -134,7 +134,7 @@ class Rung(Written):
 
 
 @dataclass(frozen=True)
-class Paired(Written):
+class PairedDifference(KeyedRecord):
     """Two drivers in the same worlds: first less second, each difference with n, interval and p.
 
     ``holm`` holds each p corrected over the whole family of comparisons.
@@ -154,7 +154,7 @@ class Paired(Written):
         return tuple(name for name, p in self.holm.items() if p is not None and p < LEVEL)
 
 
-def rung(drives: Drives, outcomes: Outcomes) -> Rung:
+def rung(drives: Drives, outcomes: SuccessCriteria) -> LadderRow:
     """Return a driver's row; episodes that ended in an error count only in ``errors``."""
     episodes = drives.episodes
     found: dict[str, Statistic] = {}
@@ -166,7 +166,7 @@ def rung(drives: Drives, outcomes: Outcomes) -> Rung:
         found[name] = mean_of_drives(told)
     found["crash_rate"] = exact_rate(sum(one.crashed for one in episodes), len(episodes))
     found["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
-    return Rung(drives.driver, found, len(drives.errors))
+    return LadderRow(drives.driver, found, len(drives.errors))
 
 
 NO_INTERVAL = "no interval: where few drives end early none was found that covers"
@@ -188,7 +188,7 @@ def exact_rate(k: int, n: int) -> Statistic:
     return replace(found, ci=clopper_pearson(k, n), method="share, 95% Clopper-Pearson interval")
 
 
-def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> Paired:
+def paired(first: Drives, second: Drives, outcomes: SuccessCriteria, *, resamples: int = 5000) -> PairedDifference:
     """Compare two drivers in common worlds: numbers by sign flips, rates by exact McNemar.
 
     ``holm`` is empty until `corrected` fills it in.
@@ -211,7 +211,7 @@ def paired(first: Drives, second: Drives, outcomes: Outcomes, *, resamples: int 
         found[name] = tested
     found["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])
     found["success_rate"] = _binary(list(map(outcomes.success, one)), list(map(outcomes.success, other)))
-    return Paired(first.driver, second.driver, len(worlds), found, {})
+    return PairedDifference(first.driver, second.driver, len(worlds), found, {})
 
 
 def _binary(one: Sequence[bool], other: Sequence[bool]) -> Statistic:
@@ -219,12 +219,12 @@ def _binary(one: Sequence[bool], other: Sequence[bool]) -> Statistic:
     if not one:
         return cannot_say("no world was driven by both")
     found = paired_difference(np.array(one, dtype=int), np.array(other, dtype=int))
-    assert isinstance(found, Discordant)  # there is a pair
+    assert isinstance(found, DiscordantPairs)  # there is a pair
     tested = mcnemar_exact(found.b, found.c)
     return replace(found, p=tested.p, method=f"{found.method}; {tested.method}")
 
 
-def corrected(family: Sequence[Paired]) -> list[Paired]:
+def corrected(family: Sequence[PairedDifference]) -> list[PairedDifference]:
     """Return the comparisons with the p of all their tests corrected together by Holm."""
     places = [(turn, name) for turn, each in enumerate(family) for name in each.differences]
     ps = holm([family[turn].differences[name].p for turn, name in places])
@@ -256,7 +256,9 @@ def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives
     return max(constants, key=worth, default=None)
 
 
-def against(drives: Sequence[Drives], reference: Drives, outcomes: Outcomes, *, resamples: int = 5000) -> list[Paired]:
+def against(
+    drives: Sequence[Drives], reference: Drives, outcomes: SuccessCriteria, *, resamples: int = 5000
+) -> list[PairedDifference]:
     """Return each other driver less the reference in the same worlds, by Holm over all tests."""
     others = [one for one in drives if one is not reference]
     return corrected([paired(one, reference, outcomes, resamples=resamples) for one in others])

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.report.charts import BLUE, HEAD, MUTED, WIDE, Drawing, dots, scattered, style
-from eyechart.report.page import Opening, Page, Said, Section, fill, parted
+from eyechart.report.page import Page, PageSummary, Section, VerdictSummary, fill, parted
 from eyechart.report.table import Table
 from eyechart.studies import Tell, run_json
-from eyechart.studies.closed_loop import DIFFERS, Blind, ClosedLoopScore, Degeneracy, Rung
+from eyechart.studies.closed_loop import DIFFERS, BlindBaseline, ClosedLoopScore, Degeneracy, LadderRow
 from eyechart.studies.closed_loop.browser import PICTURED, drives_data
 from eyechart.studies.closed_loop.ladder import CONSTANT, MARGINAL
-from eyechart.studies.closed_loop.sight import by_sight, named, told_of
 from eyechart.studies.closed_loop.tables import (
     MEASURES,
     NAMES,
@@ -32,6 +31,7 @@ from eyechart.studies.closed_loop.tables import (
     served_words,
     unfinished_words,
 )
+from eyechart.studies.closed_loop.visual_dependence import by_sight, named, told_of
 from eyechart.verdicts.labels import SIGHT
 
 MOST_ROWS = 40
@@ -63,7 +63,7 @@ def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
         }
 
 
-def _dots(rungs: Sequence[Rung], name: str, across: float = WIDE) -> Drawing:
+def _dots(rungs: Sequence[LadderRow], name: str, across: float = WIDE) -> Drawing:
     form, found = MEASURES[name], [(one.driver, one.statistics[name]) for one in rungs]
     rows = [(who.label, one, BLUE, who.policy.startswith("constant:")) for who, one in found]
     title = NAMES[name] if form.scale == 1.0 else f"{NAMES[name]} (%)"
@@ -73,7 +73,7 @@ def _dots(rungs: Sequence[Rung], name: str, across: float = WIDE) -> Drawing:
     return Drawing(f"ladder-{name}", f"The ladder: {title}", says, figure)
 
 
-def _paired(found: Mapping[str, Blind], name: str, across: float = WIDE) -> Drawing:
+def _paired(found: Mapping[str, BlindBaseline], name: str, across: float = WIDE) -> Drawing:
     form, rows, told = SIGNED[name], [], []
     for label, one in found.items():
         value = one.paired.differences[name]
@@ -113,11 +113,11 @@ _ANSWERS = {
 }
 
 
-def opening(score: ClosedLoopScore) -> Opening:
+def opening(score: ClosedLoopScore) -> PageSummary:
     """Return the opening of a page of drives: which drive by sight, and the best by score."""
     told = by_sight(score)
     said = [
-        Said(who, one.label.says, one.label.family, shows, why, "blind")
+        VerdictSummary(who, one.label.says, one.label.family, shows, why, "blind")
         for who, one in told.items()
         for shows, why in [told_of(one)]
     ]
@@ -127,12 +127,12 @@ def opening(score: ClosedLoopScore) -> Opening:
         sentence = parted(said, _ANSWERS, "drivers that were shown other pictures too")
     others = "shuffled ones" if all(one.of_camera for one in told.values()) else "others"
     caption = f"Real pictures less {others}; right of the line: better with real ones. Filled: significant."
-    return Opening(
+    return PageSummary(
         f"{sentence} {' '.join(_best(score))}".strip(), said, figure=sight(score, told), caption=caption if told else ""
     )
 
 
-def _found(one: Blind) -> str:
+def _found(one: BlindBaseline) -> str:
     """Return the finding of a comparison in words, with the subject of a difference."""
     what = one.asks if one.of_pictures else "the timing of its actions matters"
     return f"differs: {what}" if one.finding == DIFFERS else SIGHT[one.finding].says
@@ -155,7 +155,7 @@ def _best(score: ClosedLoopScore) -> list[str]:
     return found
 
 
-def sight(score: ClosedLoopScore, told: Mapping[str, Blind]) -> Drawing | None:
+def sight(score: ClosedLoopScore, told: Mapping[str, BlindBaseline]) -> Drawing | None:
     """Draw real pictures less others by driver; without such drives, the drivers by score."""
     for name in ("reward", "distance_m", "success_rate", "crash_rate"):
         if (found := sight_of(told, name)) is not None:
@@ -165,7 +165,7 @@ def sight(score: ClosedLoopScore, told: Mapping[str, Blind]) -> Drawing | None:
         return replace(_dots(rungs[:_SIGHTED], "reward", HEAD), name="in-short") if rungs else None
 
 
-def sight_of(told: Mapping[str, Blind], name: str) -> Drawing | None:
+def sight_of(told: Mapping[str, BlindBaseline], name: str) -> Drawing | None:
     """Draw real pictures less others in one measure, by driver; None where no value is known."""
     if not any(one.paired.differences[name].value is not None for one in told.values()):
         return None
@@ -174,21 +174,21 @@ def sight_of(told: Mapping[str, Blind], name: str) -> Drawing | None:
 
 
 @dataclass(frozen=True)
-class First:
+class StudyIntroduction:
     """A study's own part of the page, before the drives: question, answer and evidence.
 
     It replaces the question of driving by sight where no driver had other pictures too.
     """
 
     question: str
-    answer: Opening
+    answer: PageSummary
     section: Section
 
 
 def make_drives_page(
     runs: Sequence[Path],
     score: ClosedLoopScore,
-    first: First | None = None,
+    first: StudyIntroduction | None = None,
     *,
     costs: Sequence[Table] = (),
     pictured: int = PICTURED,

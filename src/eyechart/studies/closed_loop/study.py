@@ -8,20 +8,34 @@ from typing import TYPE_CHECKING
 
 from eyechart import episodes
 from eyechart.costs import Book
-from eyechart.episodes import Unfinished, every_episode, read_episodes, read_manifest, unfinished
+from eyechart.episodes import UnfinishedEpisodes, every_episode, read_episodes, read_manifest, unfinished
 from eyechart.integrity import ServedChecks, ServedGuard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
 from eyechart.records import picked, plain
 from eyechart.spaces.space import AnySpace
-from eyechart.stats.statistic import Measured
-from eyechart.studies import NO_VERDICT, Finding, Made, Reading, S, Study, Tell, Took, is_episodes
-from eyechart.studies.closed_loop.audit import Degeneracy, Replay, audit, measured, replays
-from eyechart.studies.closed_loop.blind import Blind, beside_marginals, blind_baselines
-from eyechart.studies.closed_loop.identical import SUSPECT, Repeats, Twins, repeated_requests, twins
-from eyechart.studies.closed_loop.ladder import Outcomes, Paired, Rung, against, outcomes_of, reference_of, rung
-from eyechart.studies.closed_loop.reading import Driver, Drives, read_drives, told_apart
+from eyechart.stats.statistic import ModelStatistics
+from eyechart.studies import NO_VERDICT, ModelSummary, ReadOptions, RunCosts, S, Study, StudyReport, Tell, is_episodes
+from eyechart.studies.closed_loop.audit import Degeneracy, ReplayComparison, audit, measured, replays
+from eyechart.studies.closed_loop.blind_baseline import BlindBaseline, beside_marginals, blind_baselines
+from eyechart.studies.closed_loop.drives import Driver, Drives, read_drives, told_apart
+from eyechart.studies.closed_loop.identical_drives import (
+    SUSPECT,
+    IdenticalEpisodes,
+    RepeatedRequests,
+    repeated_requests,
+    twins,
+)
+from eyechart.studies.closed_loop.ladder import (
+    LadderRow,
+    PairedDifference,
+    SuccessCriteria,
+    against,
+    outcomes_of,
+    reference_of,
+    rung,
+)
 
 RESAMPLES = 5000
 CHOSEN_HERE = (
@@ -45,7 +59,7 @@ class ClosedLoopScore:
     paths: tuple[Path, ...] = ()
 
     @cached_property
-    def unfinished(self) -> Mapping[str, tuple[Unfinished, ...]]:
+    def unfinished(self) -> Mapping[str, tuple[UnfinishedEpisodes, ...]]:
         """Return by run the planned episodes without a record; only runs that lack any."""
         named = zip(self.paths, told_apart(self.paths), strict=True)
         return {name: left for path, name in named if (left := unfinished_of(path))}
@@ -71,12 +85,12 @@ class ClosedLoopScore:
         return tuple(one for one in self.drives if one.driver.simulator == simulator)
 
     @cached_property
-    def outcomes(self) -> Outcomes:
+    def outcomes(self) -> SuccessCriteria:
         """Return the definition of success in these worlds."""
         return outcomes_of(self.drives)
 
     @cached_property
-    def ladder(self) -> tuple[Rung, ...]:
+    def ladder(self) -> tuple[LadderRow, ...]:
         """Return a row per driver."""
         return tuple(rung(one, self.outcomes) for one in self.drives)
 
@@ -92,14 +106,14 @@ class ClosedLoopScore:
         return CHOSEN_HERE if self.references and self.against_policy is None else ""
 
     @cached_property
-    def paired(self) -> tuple[Paired, ...]:
+    def paired(self) -> tuple[PairedDifference, ...]:
         """Return each other driver less the reference, Holm over a simulator's tests."""
         by_driver = {one.driver: one for one in self.drives}
         pairs = ((self.of(name), by_driver[driver]) for name, driver in self.references.items())
         return tuple(one for pair in pairs for one in against(*pair, self.outcomes, resamples=self.resamples))
 
     @cached_property
-    def blind(self) -> tuple[Blind, ...]:
+    def blind(self) -> tuple[BlindBaseline, ...]:
         """Return each policy against its blind baselines, and against its own marginal."""
         how = {"resamples": self.resamples}
         return (
@@ -113,21 +127,21 @@ class ClosedLoopScore:
         return tuple(audit(self.drives, resamples=self.resamples))
 
     @cached_property
-    def replays(self) -> tuple[Replay, ...]:
+    def replays(self) -> tuple[ReplayComparison, ...]:
         """Return the replay of each driver by each scripted controller."""
         return tuple(found for one in self.drives for found in replays(one, resamples=self.resamples))
 
     @cached_property
-    def twins(self) -> tuple[Twins, ...]:
+    def twins(self) -> tuple[IdenticalEpisodes, ...]:
         """Return the drivers with identical drives."""
         return tuple(twins(self.drives))
 
     @cached_property
-    def repeats(self) -> tuple[Repeats, ...]:
+    def repeats(self) -> tuple[RepeatedRequests, ...]:
         """Return the comparison of each driver's repeated requests."""
         return tuple(found for one in self.drives if (found := repeated_requests(one)) is not None)
 
-    def measured(self) -> tuple[Measured, ...]:
+    def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the audit of every model."""
         lacking = {one.policy: one.words for left in self.unfinished.values() for one in left}
         return measured(self.drives, lacking, resamples=self.resamples)
@@ -165,7 +179,7 @@ def score(
     return ClosedLoopScore(read_drives(paths), against_policy, resamples, tuple(paths))
 
 
-def unfinished_of(path: Path) -> tuple[Unfinished, ...]:
+def unfinished_of(path: Path) -> tuple[UnfinishedEpisodes, ...]:
     """Return a run's planned episodes without a record, by policy, with the reason."""
     manifest = read_manifest(path)
     over = {one.key for one in read_episodes(path)}
@@ -190,7 +204,7 @@ def served_of(path: Path) -> dict[str, ServedGuard]:
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
     from eyechart.report.table import Table
-    from eyechart.studies.closed_loop.page import First
+    from eyechart.studies.closed_loop.page import StudyIntroduction
 
 NO_LEDGER = {
     **dict.fromkeys(
@@ -201,7 +215,7 @@ NO_LEDGER = {
 """The commands that drives refuse, because no ledger holds them, with the reason."""
 
 
-class OfEpisodes(Study[S]):
+class EpisodeStudy(Study[S]):
     """A study whose runs are drives."""
 
     runs_are = "drives"
@@ -214,9 +228,9 @@ class OfEpisodes(Study[S]):
         manifest = self.manifest(run)
         return manifest, manifest.prompt.asks(manifest.action_space)
 
-    def took_run(self, run: Path, prices: Prices) -> Took:
+    def took_run(self, run: Path, prices: Prices) -> RunCosts:
         manifest, space = self.asked(run)
-        found = Took(probes=dict(manifest.probes))
+        found = RunCosts(probes=dict(manifest.probes))
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
@@ -227,12 +241,12 @@ class OfEpisodes(Study[S]):
                     found.accounts[spec], found.guards[spec] = book.accounts(), served.guards()
         return found
 
-    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         del banks
         tell("scoring")
         return self.made(runs, score(runs, against_policy=reading.against, resamples=reading.resamples), reading, tell)
 
-    def made(self, runs: Sequence[Path], scored: ClosedLoopScore, reading: Reading, tell: Tell) -> Made:
+    def made(self, runs: Sequence[Path], scored: ClosedLoopScore, reading: ReadOptions, tell: Tell) -> StudyReport:
         """Return the report of drives that are scored."""
         from eyechart.studies.closed_loop.browser import PICTURED
         from eyechart.studies.closed_loop.page import make_drives_page
@@ -241,15 +255,15 @@ class OfEpisodes(Study[S]):
         first = self.first(runs)
         costs = [table for table in (self.deployment(runs, reading),) if table is not None]
         page = make_drives_page(runs, scored, first, costs=costs, pictured=PICTURED if reading.driven else 0, tell=tell)
-        return Made(page, [*tables_of(scored), *(first.section.tables if first else ()), *costs], page.notes)
+        return StudyReport(page, [*tables_of(scored), *(first.section.tables if first else ()), *costs], page.notes)
 
-    def first(self, runs: Sequence[Path]) -> "First | None":
+    def first(self, runs: Sequence[Path]) -> "StudyIntroduction | None":
         """Return a study's own section before the drives; None where there is none."""
         del runs
         return None
 
 
-class ClosedLoop(OfEpisodes[ClosedLoopScore]):
+class ClosedLoop(EpisodeStudy[ClosedLoopScore]):
     """Policies and models that drive."""
 
     counted = ("drive by sight", "driver")
@@ -257,16 +271,16 @@ class ClosedLoop(OfEpisodes[ClosedLoopScore]):
     def holds(self, folder: Path) -> bool:
         return is_episodes(folder)
 
-    def score(self, folder: Path, reading: Reading) -> ClosedLoopScore:
+    def score(self, folder: Path, reading: ReadOptions) -> ClosedLoopScore:
         return score(folder, against_policy=reading.against, resamples=reading.resamples)
 
-    def findings(self, score: ClosedLoopScore) -> Mapping[str, Finding]:
-        from eyechart.studies.closed_loop.sight import findings
+    def findings(self, score: ClosedLoopScore) -> Mapping[str, ModelSummary]:
+        from eyechart.studies.closed_loop.visual_dependence import findings
 
         asked = dict.fromkeys((one.driver.policy for one in score.drives if one.asked), NO_VERDICT)
         return {**asked, **findings(score)}
 
-    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[ClosedLoopScore, Made]:
+    def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[ClosedLoopScore, StudyReport]:
         scored = self.score(folder, reading)
         return scored, self.made([folder], scored, reading, tell)
 
@@ -283,7 +297,7 @@ class ClosedLoop(OfEpisodes[ClosedLoopScore]):
         yield from tables.long_tables(score)
 
     def paper(
-        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell
     ) -> "Iterator[Table | Drawing]":
         from eyechart.studies.closed_loop.page import information
         from eyechart.studies.closed_loop.tables import audited, paper_tables

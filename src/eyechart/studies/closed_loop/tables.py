@@ -3,11 +3,19 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 
-from eyechart.episodes import Unfinished
+from eyechart.episodes import UnfinishedEpisodes
 from eyechart.integrity import ServedGuard
 from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, number, statistic_cells
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.closed_loop import Blind, ClosedLoopScore, Degeneracy, Driver, Paired, Replay, Rung
+from eyechart.studies.closed_loop import (
+    BlindBaseline,
+    ClosedLoopScore,
+    Degeneracy,
+    Driver,
+    LadderRow,
+    PairedDifference,
+    ReplayComparison,
+)
 from eyechart.studies.closed_loop.audit import in_table
 
 PUBLISHED: Mapping[str, Mapping[str, float]] = {
@@ -27,10 +35,10 @@ NEAR = 0.02
 
 
 @dataclass(frozen=True)
-class Beside:
+class PaperComparison:
     """A row and its relative differences from the paper's; for the crash rate in points."""
 
-    rung: Rung
+    rung: LadderRow
     differences: Mapping[str, float]
 
     @property
@@ -46,7 +54,7 @@ class Beside:
         return {"policy": policy, "paper": dict(PUBLISHED[policy]), "differences": dict(self.differences)}
 
 
-def beside_paper(rungs: Sequence[Rung]) -> list[Beside]:
+def beside_paper(rungs: Sequence[LadderRow]) -> list[PaperComparison]:
     """Return the rows that the paper's table has too: real pictures in highway, in its order."""
     mine = {
         one.driver.policy: one for one in rungs if (one.driver.simulator, one.driver.condition) == (SIMULATOR, "real")
@@ -60,11 +68,11 @@ def beside_paper(rungs: Sequence[Rung]) -> list[Beside]:
                 for name, value in values.items()
                 if value is not None
             }
-            found.append(Beside(mine[policy], differences))
+            found.append(PaperComparison(mine[policy], differences))
     return found
 
 
-def unlike(rows: Sequence[Beside]) -> str:
+def unlike(rows: Sequence[PaperComparison]) -> str:
     """Return a warning where rows have another number of episodes than the paper's, else ""."""
     counts = sorted({row.rung.statistics["reward"].n for row in rows} - {EPISODES})
     if not counts:
@@ -73,7 +81,7 @@ def unlike(rows: Sequence[Beside]) -> str:
     return f"the paper's rows have {EPISODES} episodes in four scenarios, these have {mine}: drive the whole ladder"
 
 
-def leads(rungs: Sequence[Rung]) -> dict[str, list[str]]:
+def leads(rungs: Sequence[LadderRow]) -> dict[str, list[str]]:
     """Return the best drivers by distance, reward and crash rate; several where they are equal."""
     best: dict[str, list[str]] = {}
     for name, sign in (("distance_m", 1), ("reward", 1), ("crash_rate", -1)):
@@ -136,7 +144,7 @@ def _numbers(found: Iterable[tuple[Driver, str, Statistic, str]]) -> tuple[tuple
     return tuple((*astuple(driver)[:4], name, *statistic_cells(one), last) for driver, name, one, last in found)
 
 
-def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Table:
+def differences_table(found: Sequence[tuple[PairedDifference, str]], caption: str) -> Table:
     """Return a row for each statistic of pairs, with the finding."""
     rows = tuple(
         (one.first.label, one.second.label, name, *statistic_cells(each), one.holm.get(name), finding)
@@ -147,7 +155,7 @@ def differences_table(found: Sequence[tuple[Paired, str]], caption: str) -> Tabl
     return Table("paired", caption, named, rows)
 
 
-def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Table:
+def ladder_table(rungs: Sequence[LadderRow], references: Mapping[str, Driver]) -> Table:
     """Return one row per driver, the best by reward first; the reference is marked."""
     note = "[ ] exact 95 % interval of a rate (Clopper-Pearson); means have none. * the reference of the others"
     rows = []
@@ -161,7 +169,7 @@ def ladder_table(rungs: Sequence[Rung], references: Mapping[str, Driver]) -> Tab
     return Table("ladder_summary", "The ladder, best reward first", named, tuple(rows), note)
 
 
-def paper_table(rows: Sequence[Beside]) -> Table:
+def paper_table(rows: Sequence[PaperComparison]) -> Table:
     """Return Table t:baselines: ours, the paper's, and the difference in % (crashes: points)."""
     names = ("distance_m", "reward", "speed_mps", "crash_rate")
     made = []
@@ -198,7 +206,7 @@ def audited(score: ClosedLoopScore) -> list[Degeneracy]:
     return [one for one in score.audit if one.driver in asked]
 
 
-def baselines_table(rungs: Sequence[Rung]) -> Table:
+def baselines_table(rungs: Sequence[LadderRow]) -> Table:
     """Return Table t:baselines in the paper's form, a row per policy, longest distance first."""
     names = ("distance_m", "reward", "speed_mps", "crash_rate")
     far = sorted(rungs, key=lambda one: -(one.statistics["distance_m"].value or 0.0))
@@ -231,7 +239,7 @@ def audited_table(rows: Sequence[Degeneracy]) -> Table:
     return Table("", caption, named, tuple(made)).counted(counts, "decisions", "per cell").labelled("t:degeneracy")
 
 
-def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
+def paper_words(rows: Sequence[PaperComparison], rungs: Sequence[LadderRow]) -> list[str]:
     """Return in words the best policies, and the rows that differ from the paper's."""
     words = [unlike(rows)] if unlike(rows) else []
     real = [one for one in rungs if one.driver.condition == "real"]
@@ -251,7 +259,7 @@ def paper_words(rows: Sequence[Beside], rungs: Sequence[Rung]) -> list[str]:
     return words
 
 
-def unfinished_words(found: Mapping[str, Sequence[Unfinished]]) -> list[str]:
+def unfinished_words(found: Mapping[str, Sequence[UnfinishedEpisodes]]) -> list[str]:
     """Return the missing episodes of the runs and the reason, a line per policy."""
     return [f"{f'{run} · ' if run else ''}{one.policy}: {one.words}" for run, left in found.items() for one in left]
 
@@ -276,7 +284,7 @@ def reference_tables(score: ClosedLoopScore) -> list[Table]:
     ]
 
 
-def blind_table(found: Sequence[Blind]) -> Table:
+def blind_table(found: Sequence[BlindBaseline]) -> Table:
     """Return one row per policy and condition: real less the condition, with p after Holm."""
     rows = tuple(
         (
@@ -292,7 +300,7 @@ def blind_table(found: Sequence[Blind]) -> Table:
     return Table("blind", "Real pictures less others, same worlds", named, rows, "p after Holm")
 
 
-def difference_cells(one: Paired) -> tuple[Cell, ...]:
+def difference_cells(one: PairedDifference) -> tuple[Cell, ...]:
     """Return each difference in the same worlds, with p after Holm."""
     each = [(one.differences[name], one.holm.get(name)) for name in MEASURES]
     return one.worlds, *(cell for pair in each for cell in pair)
@@ -351,7 +359,7 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
     return words
 
 
-def replay_table(found: Sequence[Replay]) -> Table:
+def replay_table(found: Sequence[ReplayComparison]) -> Table:
     """Return one row per driver and controller: agreement, the best constant's, random order's."""
     rows = tuple(
         (
@@ -379,7 +387,7 @@ def replay_table(found: Sequence[Replay]) -> Table:
     return Table("replay", "Decision-level replay: agreement with a scripted controller", named, rows)
 
 
-def complete_replay_table(found: Sequence[Replay]) -> Table:
+def complete_replay_table(found: Sequence[ReplayComparison]) -> Table:
     """Return the complete replay table, as the paper releases it, with all constants."""
     actions = list(dict.fromkeys(name for one in found for name in one.constants))
     rows = tuple(

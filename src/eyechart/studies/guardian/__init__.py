@@ -3,26 +3,26 @@
 Source: section Symmetry-consensus longitudinal guardian.
 """
 
-from eyechart.studies.guardian.fitting import Nested, fit, nested
-from eyechart.studies.guardian.frozen import Frozen, read_frozen, require_own, write_frozen
-from eyechart.studies.guardian.modular import Replay, reader_of, replay
-from eyechart.studies.guardian.reading import read_votes, votes_of_run
-from eyechart.studies.guardian.scoring import ESTIMANDS, Bound, GuardianScore, bound, score
-from eyechart.studies.guardian.votes import VIEWS, About, VoteTable, hazards_of, join, pictures_of
-from eyechart.studies.guardian.voting import VOTE_READER, VOTED, Vote, read_vote
+from eyechart.studies.guardian.fits import NestedFit, fit, nested
+from eyechart.studies.guardian.frozen import FrozenGuardian, read_frozen, require_own, write_frozen
+from eyechart.studies.guardian.modular import ModularReplay, reader_of, replay
+from eyechart.studies.guardian.reply_votes import VOTE_READER, VOTED, Vote, read_vote
+from eyechart.studies.guardian.scores import ESTIMANDS, Bound, GuardianScore, bound, score
+from eyechart.studies.guardian.vote_sources import read_votes, votes_of_run
+from eyechart.studies.guardian.votes import VIEWS, VoteProvenance, VoteTable, hazards_of, join, pictures_of
 
 __all__ = [
     "ESTIMANDS",
     "VIEWS",
     "VOTED",
     "VOTE_READER",
-    "About",
     "Bound",
-    "Frozen",
+    "FrozenGuardian",
     "GuardianScore",
-    "Nested",
-    "Replay",
+    "ModularReplay",
+    "NestedFit",
     "Vote",
+    "VoteProvenance",
     "VoteTable",
     "bound",
     "fit",

@@ -19,8 +19,8 @@ from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
 from eyechart.records import Name, build, parse_json, plain
-from eyechart.stats.committee import Costs, Point
-from eyechart.studies.guardian.votes import VIEWS, About, VoteTable
+from eyechart.stats.committee_votes import Costs, Point
+from eyechart.studies.guardian.votes import VIEWS, VoteProvenance, VoteTable
 
 FORMAT = "eyechart-guardian/1"
 EXPORT_FORMAT = "eyechart-guardian-stack/1"
@@ -86,7 +86,7 @@ class Selection(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 @dataclass(frozen=True, slots=True)
-class Frozen:
+class FrozenGuardian:
     """A committee of models, its threshold of hazard votes, its operating point, and its requests.
 
     ``selection`` is None in an exported guardian: that one may judge pictures, but scores nothing.
@@ -96,7 +96,7 @@ class Frozen:
     committee: tuple[str, ...]
     threshold: int
     point: Point
-    about: About
+    about: VoteProvenance
     selection: Selection | None
     chosen_as: str = ""
     made_by: str = __version__
@@ -121,7 +121,7 @@ class Frozen:
         """Return the guardian as plain JSON values, its digest last."""
         return {**self._content(), "digest": self.digest}
 
-    def exported(self) -> "Frozen":
+    def exported(self) -> "FrozenGuardian":
         """Return the guardian for a stack: without its selection."""
         about = self.about.only(self.committee)
         return replace(self, about=about, selection=None, chosen_as=self.chosen_as or self.digest)
@@ -230,12 +230,12 @@ class Frozen:
         }
 
 
-def write_frozen(path: Path, frozen: Frozen) -> None:
+def write_frozen(path: Path, frozen: FrozenGuardian) -> None:
     """Write a guardian's file."""
     path.write_text(json.dumps(frozen.as_dict(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def require_own(out: Path, frozen: Frozen) -> None:
+def require_own(out: Path, frozen: FrozenGuardian) -> None:
     """Raise OutputError if ``out`` holds another guardian; overwriting it would lose its frames."""
     if not out.exists() or not out.stat().st_size:
         return
@@ -247,7 +247,7 @@ def require_own(out: Path, frozen: Frozen) -> None:
         raise OutputError(f"{out} holds another guardian, and is not overwritten: choose another place, or remove it")
 
 
-def read_frozen(path: Path) -> Frozen:
+def read_frozen(path: Path) -> FrozenGuardian:
     """Read a guardian's file, exported or not; GuardianError if it is none or was edited."""
     raw = _read(path)
     said = raw.pop("digest", None)
@@ -272,7 +272,7 @@ def _in_words(error: Exception) -> str:
     return str(error)
 
 
-def _unlike(frozen: Frozen, raw: Mapping[str, object]) -> str:
+def _unlike(frozen: FrozenGuardian, raw: Mapping[str, object]) -> str:
     """Return what differs from this version's format in a file whose digest is right."""
     if frozen.made_by != __version__:
         return f"it was written by eyechart {frozen.made_by}, whose guardians this one, {__version__}, cannot read"
@@ -344,14 +344,14 @@ def _mode_of(model: str, said: Mapping[str, object]) -> RequestMode:
     return mode
 
 
-def _frozen(raw: Mapping[str, object]) -> Frozen:
+def _frozen(raw: Mapping[str, object]) -> FrozenGuardian:
     # The digest covers the other fields.
     said = {name: raw[name] for name in _File.__struct_fields__ if name in raw}
     if isinstance(chosen := said.get("selection"), dict):
         # The rule is text for people.
         said["selection"] = {name: value for name, value in chosen.items() if name != "rule"}
     file = build(_File, said)
-    about = About(
+    about = VoteProvenance(
         bank=file.bank.fingerprint,
         bank_name=file.bank.name,
         prompt=file.prompt.key,
@@ -364,7 +364,7 @@ def _frozen(raw: Mapping[str, object]) -> Frozen:
         reader=file.reader,
         voting=file.voting,
     )
-    return Frozen(
+    return FrozenGuardian(
         committee=file.committee,
         threshold=file.threshold,
         point=file.operating_point,

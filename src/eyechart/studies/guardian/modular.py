@@ -14,12 +14,12 @@ from eyechart.conditions import flip
 from eyechart.errors import GuardianError
 from eyechart.frames import FrameBank, decode
 from eyechart.policies.scripted import read_scene
-from eyechart.records import Written
+from eyechart.records import KeyedRecord
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.guardian.frozen import Frozen
-from eyechart.studies.guardian.scoring import WORDS, answer_of
+from eyechart.studies.guardian.frozen import FrozenGuardian
+from eyechart.studies.guardian.scores import WORDS, answer_of
 from eyechart.studies.guardian.votes import VoteTable
 
 Floats = NDArray[np.float64]
@@ -27,13 +27,13 @@ Ints = NDArray[np.int64]
 Scenes = tuple[Scene, Scene]
 """The deterministic reader's scenes of a picture and of its reflection."""
 
-Read = Callable[[str], Scenes | None]
+ReadScenes = Callable[[str], Scenes | None]
 
 MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
 
 
 @dataclass(frozen=True)
-class Replay(Written):
+class ModularReplay(KeyedRecord):
     """The actions of a modular controller on each frame, and how they compare.
 
     ``agreement`` is with the renderer policy, which acts on what the deterministic reader sees.
@@ -87,11 +87,11 @@ def modular_action(answer: str, scene: Scene) -> str:
     return "SLOW"
 
 
-def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
+def replay(frozen: FrozenGuardian, table: VoteTable, read: ReadScenes) -> ModularReplay:
     """Replay a guardian's answers with what ``read`` sees in each frame and in its reflection.
 
     A frame and its reflection have the same votes, exchanged, so they have one answer. Raises
-    GuardianError as `Frozen.may_score` does, and if no frame can be read.
+    GuardianError as `FrozenGuardian.may_score` does, and if no frame can be read.
     """
     frozen.may_score(table)
     said = [WORDS[int(one)] for one in answer_of(frozen, table)[frozen.point]]
@@ -118,7 +118,7 @@ def replay(frozen: Frozen, table: VoteTable, read: Read) -> Replay:
     told = np.array(rows, dtype=np.float64)
     _, codes = np.unique(drives, return_inverse=True)
     share = partial(_share, told, codes)
-    return Replay(
+    return ModularReplay(
         agreement=share(_AGREES),
         agreement_answered=share(_AGREES, of=_ANSWERED),
         ceiling=share(_PERFECT),
@@ -150,7 +150,7 @@ def _share(told: Floats, episodes: Ints, column: int, of: int | None = None) -> 
     return share_over_episodes(hits, np.bincount(episodes, weights=among))
 
 
-def reader_of(bank: FrameBank) -> Read:
+def reader_of(bank: FrameBank) -> ReadScenes:
     """Return the reader of a bank's pictures, the image-only positive control.
 
     It reads each picture and its flip. Raises BankError for a picture that differs from the one in

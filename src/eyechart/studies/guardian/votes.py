@@ -12,7 +12,7 @@ from eyechart.errors import GuardianError, VoteError
 from eyechart.frames import FrameBank, MirrorAxis
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
-from eyechart.stats.committee import HAZARD, MISSING, Point, answers
+from eyechart.stats.committee_votes import HAZARD, MISSING, Point, answers
 
 VIEWS = ("original", "reflected")
 """The two pictures of a frame that a model votes on, in the order of a table's last axis."""
@@ -28,7 +28,7 @@ _WORDS: dict[object, bool] = {
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class VoteProvenance:
     """The origin of votes. None or absent means not recorded; then a change cannot be noticed.
 
     ``bank`` is the bank's fingerprint, ``bank_name`` its short name; ``prompt`` and ``view`` are
@@ -61,7 +61,7 @@ class About:
         ]
         return names + [f"version of {model}" for model in models if not self.versions.get(model)]
 
-    def only(self, models: Collection[str]) -> "About":
+    def only(self, models: Collection[str]) -> "VoteProvenance":
         """Return the origin of these models' votes only."""
         return replace(
             self,
@@ -92,7 +92,7 @@ class VoteTable:
     hazard: npt.NDArray[np.bool_]
     models: tuple[str, ...]
     votes: npt.NDArray[np.int8]
-    about: About = field(default_factory=About)
+    about: VoteProvenance = field(default_factory=VoteProvenance)
     split: tuple[str, ...] | None = None
     pictures: tuple[str, ...] | None = None
     unfinished: Mapping[str, int] = field(default_factory=dict)

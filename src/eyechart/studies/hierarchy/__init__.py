@@ -4,18 +4,18 @@ Source: paper, sections Hierarchical VLM-MPC Diagnostic and MPC cannot repair an
 layer, Table mpc_intent_ablation.
 """
 
-from eyechart.studies.hierarchy.planning import PARTS, SCRIPTED, Arms, Choice, Part, plan, read_choice, run
-from eyechart.studies.hierarchy.scoring import Completion, HierarchyScore, Source, score
+from eyechart.studies.hierarchy.plans import PARTS, SCRIPTED, Arms, HierarchySelection, Part, plan, read_choice, run
+from eyechart.studies.hierarchy.scores import Completion, HierarchyScore, IntentSource, score
 
 __all__ = [
     "PARTS",
     "SCRIPTED",
     "Arms",
-    "Choice",
     "Completion",
     "HierarchyScore",
+    "HierarchySelection",
+    "IntentSource",
     "Part",
-    "Source",
     "plan",
     "read_choice",
     "run",

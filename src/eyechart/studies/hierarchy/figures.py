@@ -19,9 +19,9 @@ from eyechart.report.charts import BLUE, INK, LINE, MUTED, PAPER, SOFT, VERMILLI
 from eyechart.report.page import evenly
 from eyechart.simulators.road import FAMILIES, GOAL_M, ROAD_HALF_M, Layout, make_layout
 from eyechart.studies.closed_loop import Drives, verify
-from eyechart.studies.hierarchy import HierarchyScore, Source
-from eyechart.studies.hierarchy.planning import MPC_ONLY, ORACLE, ORACLE_MIRRORED
-from eyechart.studies.hierarchy.scoring import PUBLISHED, UNPUBLISHED, count_of
+from eyechart.studies.hierarchy import HierarchyScore, IntentSource
+from eyechart.studies.hierarchy.plans import MPC_ONLY, ORACLE, ORACLE_MIRRORED
+from eyechart.studies.hierarchy.scores import PUBLISHED, UNPUBLISHED, count_of
 from eyechart.studies.hierarchy.tables import of_ablation
 
 _CHECKED = ("lead_gap_m", "free_left_m", "free_middle_m", "free_right_m")
@@ -171,7 +171,7 @@ Grey and dashed is blind, vermillion is mirrored, ink is the controller that kno
 
 
 @dataclass(frozen=True)
-class Line:
+class SourceStrip:
     """One source in a group of strips: its drives, and their line style."""
 
     drives: Drives
@@ -196,13 +196,13 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Group:
+class StripGroup:
     """Strips of the same worlds and sources: the scripted ones of an ablation, or one planner's."""
 
     key: str
     ablation: str
     title: str
-    lines: tuple[Line, ...]
+    lines: tuple[SourceStrip, ...]
     drawings: tuple[Drawing, ...]
     worlds: int
 
@@ -213,7 +213,7 @@ class Group:
         return f"{some}{self.worlds} worlds, {len(self.lines)} sources in each"
 
 
-def groups(score: HierarchyScore) -> tuple[list[Group], list[str]]:
+def groups(score: HierarchyScore) -> tuple[list[StripGroup], list[str]]:
     """Return the groups of both ablations, and notes on missing drawings."""
     found, notes = [], []
     with style():
@@ -237,17 +237,19 @@ def _parts(ablation: str) -> tuple[str, ...]:
     return ("primary", "primary-models") if ablation == "primary" else ("unaware-models", "lateral-models")
 
 
-def _scripted(score: HierarchyScore, ablation: str) -> list[Line]:
+def _scripted(score: HierarchyScore, ablation: str) -> list[SourceStrip]:
     lines = []
     for (part, policy), (name, colour, dash) in _SCRIPTED.items():
         if (part == "primary") == (ablation == "primary"):
             lines += [
-                Line(one, name, colour, dash) for one in score.drives.get(part, ()) if one.driver.policy == policy
+                SourceStrip(one, name, colour, dash)
+                for one in score.drives.get(part, ())
+                if one.driver.policy == policy
             ]
     return lines
 
 
-def _planner(score: HierarchyScore, ablation: str, planner: str) -> list[Line]:
+def _planner(score: HierarchyScore, ablation: str, planner: str) -> list[SourceStrip]:
     context = {"MPC-only", "oracle"} if ablation == "primary" else {"oracle's side"}
     lines = [one for one in _scripted(score, ablation) if one.name in context]
     for part in _parts(ablation):
@@ -257,12 +259,14 @@ def _planner(score: HierarchyScore, ablation: str, planner: str) -> list[Line]:
                 colour, dash = _PLANNER.get(one.driver.condition, ("amber", _DASHED))
                 name = CONDITION_NAMES.get(one.driver.condition, one.driver.condition)
                 lines.append(
-                    Line(one, f"{one.driver.condition} + speed" if full else name, colour, _DOTTED if full else dash)
+                    SourceStrip(
+                        one, f"{one.driver.condition} + speed" if full else name, colour, _DOTTED if full else dash
+                    )
                 )
     return lines
 
 
-def _group(key: str, ablation: str, title: str, lines: Sequence[Line]) -> tuple[Group, list[str]]:
+def _group(key: str, ablation: str, title: str, lines: Sequence[SourceStrip]) -> tuple[StripGroup, list[str]]:
     worlds, notes = paired_worlds([one.drives for one in lines])
     shown = evenly(worlds, MOST_WORLDS)
     if len(shown) < len(worlds):
@@ -270,10 +274,10 @@ def _group(key: str, ablation: str, title: str, lines: Sequence[Line]) -> tuple[
             f"{len(shown)} of {len(worlds)} worlds are drawn from above, evenly taken; every number counts all."
         )
     drawings = tuple(_strip(key, world, lines) for world in shown)
-    return Group(key, ablation, title, tuple(lines), drawings, len(worlds)), notes
+    return StripGroup(key, ablation, title, tuple(lines), drawings, len(worlds)), notes
 
 
-def _strip(key: str, world: PairedWorld, lines: Sequence[Line]) -> Drawing:
+def _strip(key: str, world: PairedWorld, lines: Sequence[SourceStrip]) -> Drawing:
     height = max(0.98, 0.24 + 0.15 * len(lines))
     figure, axes = canvas(5.7, height, (0.06, 1.62, 0.19, 0.03))
     axes.set_xlim(-2.0, GOAL_M + 3.0)
@@ -309,7 +313,7 @@ def _road(axes: Axes, world: PairedWorld) -> None:
         axes.text(x, -ROAD_HALF_M - 0.5, word, ha="center", va="top", fontsize=7.5, color=MUTED)
 
 
-def _way(axes: Axes, way: Trajectory, line: Line, width: float, gid: str) -> None:
+def _way(axes: Axes, way: Trajectory, line: SourceStrip, width: float, gid: str) -> None:
     codes = [Way.MOVETO, *[Way.CURVE4] * (len(way.curve) - 1)]
     drawn = PathPatch(
         Way(way.curve, codes), facecolor="none", edgecolor=line.ink, linewidth=width, linestyle=line.dash, zorder=3
@@ -318,7 +322,7 @@ def _way(axes: Axes, way: Trajectory, line: Line, width: float, gid: str) -> Non
     axes.add_patch(drawn)
 
 
-def _end(axes: Axes, way: Trajectory, line: Line, gid: str) -> None:
+def _end(axes: Axes, way: Trajectory, line: SourceStrip, gid: str) -> None:
     x, y = float(way.places[-1, 0]), float(way.places[-1, 1])
     if way.ended == "crash":
         for colour, wide in ((PAPER, 3.4), (line.ink, 1.7)):
@@ -333,7 +337,7 @@ def _end(axes: Axes, way: Trajectory, line: Line, gid: str) -> None:
     )
 
 
-def _label(axes: Axes, way: Trajectory | None, line: Line, y: float, gid: str) -> None:
+def _label(axes: Axes, way: Trajectory | None, line: SourceStrip, y: float, gid: str) -> None:
     """Name a source next to the road, with the sign of its end and its distance."""
     where: dict[str, Any] = {"transform": axes.transAxes, "va": "center", "fontsize": 8.4}
     sign = "–" if way is None else SIGNS.get(way.ended, "?")
@@ -384,7 +388,7 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
     return Drawing(f"outcomes-{ablation}", title, says, figure, wide=True)
 
 
-def _ended(score: HierarchyScore, row: Source) -> Mapping[tuple[str, int], str]:
+def _ended(score: HierarchyScore, row: IntentSource) -> Mapping[tuple[str, int], str]:
     drives = next(one for one in score.drives[row.part] if one.driver == row.driver)
     every: Sequence[Episode] = (*drives.episodes, *drives.errors)
     return {(one.key.scenario, one.key.seed): one.ended for one in every}
@@ -421,7 +425,7 @@ def _columns(axes: Axes, worlds: Sequence[tuple[str, int]]) -> None:
             axes.axvline(first - 0.5, color=MUTED, linewidth=0.6, zorder=1)
 
 
-def _shares(axes: Axes, rows: Sequence[Source]) -> None:
+def _shares(axes: Axes, rows: Sequence[IntentSource]) -> None:
     axes.set_facecolor("none")
     axes.set_xlim(-4, 104)
     axes.set_ylim(len(rows) - 0.4, -0.6)

@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Any
 
 from eyechart.report.charts import Drawing
-from eyechart.report.page import Opening, Page, Said, fill, parted
+from eyechart.report.page import Page, PageSummary, VerdictSummary, fill, parted
 from eyechart.report.table import Table, p_value
 from eyechart.studies import Tell
-from eyechart.studies.closed_loop import LEVEL, Paired
+from eyechart.studies.closed_loop import LEVEL, PairedDifference
 from eyechart.studies.closed_loop.page import made, sight_of
 from eyechart.studies.closed_loop.tables import SIGNED, served_words, unfinished_words
 from eyechart.studies.hierarchy import PARTS, HierarchyScore
 from eyechart.studies.hierarchy.figures import CONDITION_NAMES, ENDS, SIGNS, groups, outcomes
-from eyechart.studies.hierarchy.scoring import count_of, unless_shown
-from eyechart.studies.hierarchy.sight import pairs_of, why_not
+from eyechart.studies.hierarchy.scores import count_of, unless_shown
 from eyechart.studies.hierarchy.tables import (
     TITLES,
     against_table,
@@ -26,6 +25,7 @@ from eyechart.studies.hierarchy.tables import (
     of_ablation,
     source_table,
 )
+from eyechart.studies.hierarchy.visual_dependence import pairs_of, why_not
 
 _ANSWERS = {
     "sees": ("it completes by its pictures", "in"),
@@ -88,10 +88,10 @@ def make_hierarchy_page(
     return Page(html, drawings, tuple(notes))
 
 
-def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Opening:
+def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> PageSummary:
     """Return the opening: which planner completes by its pictures, and where."""
     said = [
-        Said(
+        VerdictSummary(
             f"{card['planner']} in {card['simulator']}",
             str(card["label"]),
             str(card["family"]),
@@ -102,10 +102,10 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Op
         for card in cards
     ]
     if not said:
-        return Opening("No planner drove: only scripted sources did, and these see no pictures.")
+        return PageSummary("No planner drove: only scripted sources did, and these see no pictures.")
     of_camera = [one for _, one in score.blind if one.of_camera]
     shown, which = (of_camera, "shuffled ones") if of_camera else ([one for _, one in score.blind], "others")
-    return Opening(
+    return PageSummary(
         parted(said, _ANSWERS, "arms that a planner drove"),
         said,
         figure=sight_of({f"{one.driver.policy} in {one.driver.simulator}": one for one in shown}, "success_rate"),
@@ -119,7 +119,7 @@ def _rates(card: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"{CONDITION_NAMES[name]} {goals}" for name, goals, *_ in card["others"])
 
 
-def _control(found: Paired | None) -> dict[str, object] | None:
+def _control(found: PairedDifference | None) -> dict[str, object] | None:
     """Return the positive control's result: whether this arm tells a side from its mirror image."""
     if found is None:
         return None
@@ -160,6 +160,6 @@ def _cards(score: HierarchyScore) -> list[dict[str, object]]:
     return cards
 
 
-def _goals(one: Paired) -> tuple[str, str]:
+def _goals(one: PairedDifference) -> tuple[str, str]:
     points = replace(SIGNED["success_rate"], unit="").shown(one.differences["success_rate"])
     return points, p_value(one.holm.get("success_rate"))

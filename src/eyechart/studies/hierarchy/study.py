@@ -5,15 +5,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from eyechart.errors import SpecError
-from eyechart.studies import NO_DRIVES, Finding, Made, Reading, Tell
-from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
-from eyechart.studies.hierarchy.scoring import HierarchyScore, runs_of, score
+from eyechart.studies import NO_DRIVES, ModelSummary, ReadOptions, StudyReport, Tell
+from eyechart.studies.closed_loop import NO_LEDGER, EpisodeStudy
+from eyechart.studies.hierarchy.scores import HierarchyScore, runs_of, score
 
 if TYPE_CHECKING:
     from eyechart.report.table import Table
 
 
-class Hierarchy(OfEpisodes[HierarchyScore]):
+class Hierarchy(EpisodeStudy[HierarchyScore]):
     """Sources of intent above a controller: up to seven runs of drives in one folder."""
 
     runs_are = "hierarchy"
@@ -26,7 +26,7 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
     def runs(self, folder: Path) -> Mapping[str, Path]:
         return runs_of(folder)
 
-    def score(self, folder: Path, reading: Reading) -> HierarchyScore:
+    def score(self, folder: Path, reading: ReadOptions) -> HierarchyScore:
         return score(folder, resamples=reading.resamples)
 
     def printed(self, score: HierarchyScore) -> "Iterator[Table | str]":
@@ -44,24 +44,24 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
             )
         yield from (*score.words, *unfinished_words(score.unfinished))
 
-    def findings(self, score: HierarchyScore) -> Mapping[str, Finding]:
-        from eyechart.studies.hierarchy.sight import findings
+    def findings(self, score: HierarchyScore) -> Mapping[str, ModelSummary]:
+        from eyechart.studies.hierarchy.visual_dependence import findings
 
         return findings(score)
 
-    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
+    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> "Iterator[Table]":
         from eyechart.studies.hierarchy.tables import paper_tables
 
         del banks
         yield from paper_tables(dict(self.scored(runs, reading, tell)))
 
-    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         del banks
         if len(runs) > 1:
             raise SpecError("a report is about one hierarchy: make one report for each study")
         return self.whole(runs[0], reading, tell)[1]
 
-    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[HierarchyScore, Made]:
+    def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[HierarchyScore, StudyReport]:
         from eyechart.studies.hierarchy.page import make_hierarchy_page
         from eyechart.studies.hierarchy.tables import tables_of
 
@@ -69,4 +69,4 @@ class Hierarchy(OfEpisodes[HierarchyScore]):
         scored = self.score(folder, reading)
         costs = [table for table in (self.deployment([folder], reading),) if table is not None]
         page = make_hierarchy_page(folder, scored, costs=costs, tell=tell)
-        return scored, Made(page, [*tables_of(scored), *costs], page.notes)
+        return scored, StudyReport(page, [*tables_of(scored), *costs], page.notes)

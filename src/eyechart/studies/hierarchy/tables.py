@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from eyechart.report.table import Cell, Column, Mark, Table, columns, of_each, stacked
-from eyechart.studies.closed_loop import Paired
+from eyechart.studies.closed_loop import PairedDifference
 from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
-from eyechart.studies.hierarchy import Completion, HierarchyScore, Source
-from eyechart.studies.hierarchy.planning import PARTS, name_of
-from eyechart.studies.hierarchy.scoring import NOT_PERCEPTION, PUBLISHED, PUBLISHED_MODELS, UNPUBLISHED, count_of
+from eyechart.studies.hierarchy import Completion, HierarchyScore, IntentSource
+from eyechart.studies.hierarchy.plans import PARTS, name_of
+from eyechart.studies.hierarchy.scores import NOT_PERCEPTION, PUBLISHED, PUBLISHED_MODELS, UNPUBLISHED, count_of
 
 TITLES = {
     "primary": "Primary ablation: the controller knows the obstacles",
@@ -24,12 +24,12 @@ def tables_of(score: HierarchyScore) -> tuple[Table, ...]:
     return *primary, against_table(score.against_mpc_only), *second, *completed, *blind, *long_tables(score)
 
 
-def of_ablation(sources: Sequence[Source], ablation: str) -> list[Source]:
+def of_ablation(sources: Sequence[IntentSource], ablation: str) -> list[IntentSource]:
     """Return the sources of one ablation."""
     return [one for one in sources if one.part.startswith("primary") == (ablation == "primary")]
 
 
-def source_table(sources: Sequence[Source], ablation: str) -> Table:
+def source_table(sources: Sequence[IntentSource], ablation: str) -> Table:
     """Return the rows of one ablation with exact 95 % intervals, next to the paper's.
 
     Episodes that ended in an error are listed with the name, and count in no rate.
@@ -73,7 +73,7 @@ def paper_tables(scores: Mapping[str, HierarchyScore]) -> Iterator[Table]:
                 yield replace(beside, name=f"mpc-intent-{ablation}-beside", caption=title)
 
 
-def beside_table(sources: Sequence[Source], ablation: str) -> Table:
+def beside_table(sources: Sequence[IntentSource], ablation: str) -> Table:
     """Return the rows of one ablation with the share of STOP, then the paper's and its model's."""
     mine, table = of_ablation(sources, ablation), source_table(sources, ablation)
     rows: list[tuple[Cell, ...]] = [
@@ -86,7 +86,7 @@ def beside_table(sources: Sequence[Source], ablation: str) -> Table:
     return replace(table, columns=(*table.columns, *stop), rows=tuple(rows))
 
 
-def _as_published(sources: Sequence[Source]) -> Table:
+def _as_published(sources: Sequence[IntentSource]) -> Table:
     """Return goals, crashes, metres and the share of STOP, in the form of Table t:mpc-intent."""
     rows = tuple(
         (one.name, count_of(one.goals), count_of(one.crashes), one.distance_m, one.stop_share) for one in sources
@@ -98,7 +98,7 @@ def _as_published(sources: Sequence[Source]) -> Table:
     return Table("", "", named, rows)
 
 
-def intent_table(sources: Sequence[Source], ablation: str) -> Table:
+def intent_table(sources: Sequence[IntentSource], ablation: str) -> Table:
     """Return each source's intents, the share of STOP among them, and the fail-safe's steps.
 
     A STOP of the fail-safe counts in no share; ``no decision`` gives their number and reason.
@@ -140,7 +140,7 @@ def completion_table(completions: Sequence[Completion]) -> Table:
     return Table("completions", caption, (*named, Column("reads as")), tuple(rows))
 
 
-def against_table(pairs: Sequence[Paired]) -> Table:
+def against_table(pairs: Sequence[PairedDifference]) -> Table:
     """Return each source less MPC-only in the same worlds, exact tests, p after Holm."""
     rows = []
     for one in pairs:

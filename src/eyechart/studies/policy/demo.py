@@ -8,9 +8,9 @@ from eyechart.models import open_policy
 from eyechart.models.trained import TRAINED
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
-from eyechart.studies.policy.planning import Extent, plan, run
-from eyechart.studies.policy.scoring import PolicyScore, judge, score
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.studies.policy.plans import PolicySelection, plan, run
+from eyechart.studies.policy.scores import PolicyScore, judge, score
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 
 STEPS, SEEDS, ANSWERS = 6, 3, 2
 """Frames of an episode, seeds (12 episodes, 72 frames), and answers of a drawing policy."""
@@ -23,7 +23,7 @@ Watch = Callable[[str], Progress]
 
 
 @dataclass(frozen=True)
-class Shown:
+class DemoCase:
     """A policy of the demo: its verdict, and the labels that its training deserves, by axis."""
 
     verdict: PolicyVerdict
@@ -48,28 +48,28 @@ class Shown:
         return {axis: labels[axis].label for axis in self.deserved}
 
 
-def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[str, Shown]]:
+def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[str, DemoCase]]:
     """Build the banks and run each trained policy on its preset; a second call resumes."""
     # A missing package must raise its error before a bank is built.
     open_policy(f"trained:{next(iter(TRAINED))}")
     scores: list[PolicyScore] = []
-    found: dict[str, Shown] = {}
+    found: dict[str, DemoCase] = {}
     for preset in PRESETS:
         bank, folder = out / f"bank-{preset}-{seed}", out / f"run-{preset}-{seed}"
         if not bank.exists():
             seeds = range(SEEDS * seed, SEEDS * (seed + 1))
             open_bank_simulator("tabletop").build(bank, preset=preset, seeds=seeds, steps=STEPS)
         specs = [f"trained:{name}" for name, one in TRAINED.items() if one.preset == preset]
-        run(plan(bank, specs, folder, seed=seed, extent=Extent(answers=ANSWERS)), progress=watch(preset))
+        run(plan(bank, specs, folder, seed=seed, extent=PolicySelection(answers=ANSWERS)), progress=watch(preset))
         scored = score(folder)
         scores.append(scored)
         found |= {spec: shown(spec, verdict) for spec, verdict in judge(scored).items()}
     return scores, {f"trained:{name}": found[f"trained:{name}"] for name in TRAINED}
 
 
-def shown(spec: str, verdict: PolicyVerdict) -> Shown:
+def shown(spec: str, verdict: PolicyVerdict) -> DemoCase:
     """Return a verdict together with the labels that the training deserves."""
     lesson = TRAINED[spec.removeprefix("trained:")]
     deserved = {"camera": lesson.camera, "state": lesson.state, "instruction": lesson.instruction}
     deserved |= {f"{name} camera": label for name, label in lesson.cameras.items()}
-    return Shown(verdict, lesson.says, deserved)
+    return DemoCase(verdict, lesson.says, deserved)

@@ -32,12 +32,12 @@ from eyechart.conditions.policies import subset_conditions
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import PLACES
 from eyechart.stats.agreement import rate
-from eyechart.stats.flips import follow
-from eyechart.stats.guarantees import share_bound
 from eyechart.stats.memory import memory_share
 from eyechart.stats.partners import NOBODY, Places
+from eyechart.stats.risk_bounds import share_bound
 from eyechart.stats.shapley import shapley_values
-from eyechart.stats.shares import Followed, Misfit, Share, of_kind
+from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind
+from eyechart.stats.sign_flip import follow
 from eyechart.stats.statistic import Statistic, cannot_say
 from eyechart.stats.total_effect import (
     LEVEL,
@@ -57,10 +57,10 @@ from eyechart.stats.total_effect import (
     total_effect,
     unlikeness,
 )
-from eyechart.studies.policy.reading import Floats, Motions
-from eyechart.verdicts.axes import RESPONDS, SURENESS, rests_on
-from eyechart.verdicts.channels import CONSTANT
-from eyechart.verdicts.uses import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
+from eyechart.studies.policy.motions import Floats, Motions
+from eyechart.verdicts.policy_rules import RESPONDS, SURENESS, rests_on
+from eyechart.verdicts.policy_verdict import CONSTANT
+from eyechart.verdicts.share_predicates import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -152,7 +152,7 @@ class Effects:
         fit = self._motions.fit_to
         frames = self._whole(self._real[:1], fit[None])
         answers, logged = self._real[0, frames], fit[frames]
-        found = of_kind(Misfit, misfit_share(answers, logged, self._episodes[frames]))
+        found = of_kind(LogDistance, misfit_share(answers, logged, self._episodes[frames]))
         here = [self._far[frame.id] for frame in self._motions.plan.frames if frame.id in self._far]
         if here:
             of = tuple(dict.fromkeys(chain.from_iterable(here)))
@@ -500,7 +500,7 @@ class Effects:
             parts = dict(self._parts(which, gains, full))
         else:
             heading = self._heading(which[0], gains)
-        found = of_kind(Followed, self._followed(gains, full), heading=heading, parts=parts)
+        found = of_kind(FollowedShare, self._followed(gains, full), heading=heading, parts=parts)
         return self._counted(found, *(name for name in MOVES if name.startswith(which)))
 
     def _parts(self, which: Sequence[str], gains: Floats, full: Floats) -> Iterator[tuple[str, dict[str, float]]]:

@@ -30,17 +30,17 @@ from eyechart.report.charts import (
     style,
     width_of,
 )
-from eyechart.report.names import shorten
+from eyechart.report.short_names import shorten
 from eyechart.report.table import number
 from eyechart.spaces.motion import PLACES, MotionSpace
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.policy.course import Course
-from eyechart.studies.policy.reading import Floats, Motions
-from eyechart.studies.policy.scoring import OnePolicy
-from eyechart.verdicts.axes import Judged
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.studies.policy.motions import Floats, Motions
+from eyechart.studies.policy.scores import PolicyResult
+from eyechart.studies.policy.training_curve import TrainingCurve
 from eyechart.verdicts.labels import USES
-from eyechart.verdicts.uses import IGNORED, USED, ignored, used
+from eyechart.verdicts.policy_rules import AxisVerdict
+from eyechart.verdicts.policy_verdict import PolicyVerdict
+from eyechart.verdicts.share_predicates import IGNORED, USED, ignored, used
 
 _TICKS = (0, 0.1, 0.3, 0.6, 1, 2, 4)
 _OF_ALL = {
@@ -78,7 +78,7 @@ ABOVE_ONE = (
 
 
 @dataclass(frozen=True)
-class Line:
+class MotionLine:
     """A motion as drawn: the change in words, colour, dashes, and numbers (steps, dimensions)."""
 
     words: str
@@ -92,7 +92,7 @@ class Line:
         return _OWN_WIDTH if self.words == _OWN else 1.5
 
 
-def shares(judged: PolicyVerdict, policy: OnePolicy) -> Iterator[Drawing]:
+def shares(judged: PolicyVerdict, policy: PolicyResult) -> Iterator[Drawing]:
     """Draw each channel's share, similar-state and grey pictures included, with both margins.
 
     A row with an undecided axis is hollow, whatever its interval. Yields nothing if no share has a
@@ -133,7 +133,7 @@ def shares(judged: PolicyVerdict, policy: OnePolicy) -> Iterator[Drawing]:
     yield Drawing(_slug(f"shares-{spec}"), title, f"Shares. {told}", figure, note=" ".join(note))
 
 
-def _drawn(policy: OnePolicy) -> Iterator[tuple[str, Statistic]]:
+def _drawn(policy: PolicyResult) -> Iterator[tuple[str, Statistic]]:
     """Yield the name and value of each share that has a row."""
     for name, one in policy.statistics.items():
         if name.startswith("T.") and name.removeprefix("T.").partition("@")[0] in _INSTEAD and one.value is not None:
@@ -157,7 +157,7 @@ _INSTEAD = {
 }
 
 
-def _axes(judged: PolicyVerdict) -> dict[str, Judged]:
+def _axes(judged: PolicyVerdict) -> dict[str, AxisVerdict]:
     """Return the verdict on each channel."""
     cameras = {f"{CAMERA}{name}": one for name, one in judged.cameras.items()}
     return {CAMERAS: judged.camera, **cameras, STATE: judged.state, INSTRUCTION: judged.instruction}
@@ -169,7 +169,7 @@ def _channel(judged: PolicyVerdict, name: str) -> str:
     return next((one for one in (channel, f"{CAMERA}{channel}") if one in axes), CAMERAS)
 
 
-def _colour(one: Statistic, axis: Judged) -> str:
+def _colour(one: Statistic, axis: AxisVerdict) -> str:
     """Return the colour of a share: grey if it or its axis is undecided."""
     if USES[axis.label].is_open:
         return MUTED
@@ -212,7 +212,7 @@ def _dot(axes: Axes, x: float, y: float, colour: str) -> None:
     axes.scatter([x], [y], s=28, facecolors=face, edgecolors=colour, linewidths=1.4, zorder=3, clip_on=False)
 
 
-def training(course: Course) -> Drawing:
+def training(course: TrainingCurve) -> Drawing:
     """Draw each channel's share against the training step, a row each, with the margins."""
     names = course.channels
     points = [(one.step or 0, one.verdict, one.shares) for one in course.checkpoints]
@@ -242,7 +242,7 @@ def training(course: Course) -> Drawing:
     return Drawing("training", title, f"Shares with 98 % intervals, by step. {told}", figure, note=" ".join(note))
 
 
-def _shares_by_step(axes: Axes, shares: Sequence[tuple[int, Statistic, Judged]]) -> None:
+def _shares_by_step(axes: Axes, shares: Sequence[tuple[int, Statistic, AxisVerdict]]) -> None:
     """Draw a channel's shares joined, each with its interval, in the colour of its verdict."""
     held = [(step, one, axis) for step, one, axis in shares if one.value is not None]
     axes.plot([step for step, *_ in held], [_on_page(one.value) for _, one, _ in held], color=LINE, lw=1, zorder=1)
@@ -283,7 +283,7 @@ def _steps(steps: Sequence[int]) -> tuple[list[int], list[str]]:
     return kept, words
 
 
-def moments(spec: str, policy: OnePolicy, pictures: FrameBank | None) -> list[Drawing]:
+def moments(spec: str, policy: PolicyResult, pictures: FrameBank | None) -> list[Drawing]:
     """Draw the most telling moments: the pictures, the motion, and it with each channel exchanged.
 
     Further figures exchange single cameras and change the world. No moment is drawn twice if there
@@ -357,14 +357,14 @@ def _moment(
     )
 
 
-def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[Line]:
+def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[MotionLine]:
     """Return a moment's motions, its own answer first; missing ones are left out."""
     made = []
     looks = [(INK, "-"), *_LINES]
     for (name, words), (colour, dashes) in zip({"real": _OWN, **shown}.items(), looks, strict=False):
         raw = found.raw(name)
         if raw is not None and np.isfinite(raw[0, place]).all():
-            made.append(Line(words, colour, dashes, raw[0, place]))
+            made.append(MotionLine(words, colour, dashes, raw[0, place]))
     return made
 
 
@@ -431,7 +431,7 @@ def _show(figure: Figure, picture: Floats, box: tuple[float, float, float, float
     axes.set_axis_off()
 
 
-def paths(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line]) -> Figure:
+def paths(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[MotionLine]) -> Figure:
     """Draw the motions' paths along the world's first two axes, y downwards as in a picture."""
     left, below = (1.35 if seen else 0.25), 0.18 * _legend_rows(lines) - 0.36
     high = 3.3 + below
@@ -467,7 +467,7 @@ _FEW, _IN_A_ROW, _LEAST_SIGNS = 3, 4, 24
 """Dimensions in one column (more: two), pictures in a row, and least signs of a short name."""
 
 
-def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Line], scales: Floats) -> Figure:
+def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[MotionLine], scales: Floats) -> Figure:
     """Draw each dimension over the horizon in a small chart, with the pictures above.
 
     An axis spans at least its dimension's scale, so that small differences look small.
@@ -519,7 +519,7 @@ def _unit(space: MotionSpace) -> str:
     return next(iter(units)) if len(units) == 1 else ""
 
 
-def _over_steps(axes: Axes, lines: Sequence[Line], dimension: int, scale: float) -> None:
+def _over_steps(axes: Axes, lines: Sequence[MotionLine], dimension: int, scale: float) -> None:
     """Draw one dimension of every line over the steps of the horizon."""
     values = np.array([one.numbers[:, dimension] for one in lines])
     steps = range(1, values.shape[1] + 1)
@@ -538,11 +538,11 @@ def _over_steps(axes: Axes, lines: Sequence[Line], dimension: int, scale: float)
     _quiet(axes)
 
 
-def _legend_rows(lines: Sequence[Line]) -> int:
+def _legend_rows(lines: Sequence[MotionLine]) -> int:
     return -(-len(lines) // 2)
 
 
-def _legend(figure: Figure, lines: Sequence[Line]) -> None:
+def _legend(figure: Figure, lines: Sequence[MotionLine]) -> None:
     """Draw the legend below a figure, in two columns."""
     drawn = [Line2D([], [], color=one.colour, linestyle=one.dashes, linewidth=one.width) for one in lines]
     figure.legend(

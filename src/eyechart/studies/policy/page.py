@@ -6,13 +6,12 @@ from dataclasses import replace
 from eyechart.frames import FrameBank
 from eyechart.report.accounts import costs_table
 from eyechart.report.charts import Drawing
-from eyechart.report.page import Opening, Said, Section, page_of
+from eyechart.report.page import PageSummary, Section, VerdictSummary, page_of
 from eyechart.report.table import Table
-from eyechart.studies import Made
-from eyechart.studies.policy.course import training_of
+from eyechart.studies import StudyReport
+from eyechart.studies.policy.advice import ASK_ROAD, CHANNEL_OF, named, settling
 from eyechart.studies.policy.figures import moments, shares, training
-from eyechart.studies.policy.scoring import PolicyScore, judge
-from eyechart.studies.policy.settling import ASK_ROAD, CHANNEL_OF, named, settling
+from eyechart.studies.policy.scores import PolicyScore, judge
 from eyechart.studies.policy.tables import (
     channel_table,
     meaning_table,
@@ -21,15 +20,16 @@ from eyechart.studies.policy.tables import (
     steps_table,
     verdict_table,
 )
-from eyechart.verdicts.axes import Judged
-from eyechart.verdicts.channels import MISFIT, PolicyVerdict
+from eyechart.studies.policy.training_curve import training_of
 from eyechart.verdicts.labels import CAMERA, GUARDS, INSTRUCTION, STATE, USES
+from eyechart.verdicts.policy_rules import AxisVerdict
+from eyechart.verdicts.policy_verdict import MISFIT, PolicyVerdict
 
-Shown = tuple[PolicyScore, FrameBank | None]
+ScoredBank = tuple[PolicyScore, FrameBank | None]
 """A scored run, and its bank if the pictures are available."""
 
 
-def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> Made:
+def made(runs: Sequence[ScoredBank], notes: Sequence[str] = (), steps: Mapping[str, int] | None = None) -> StudyReport:
     """Return the report of runs of policies, with the course of a training if there is one."""
     course = training_of([score for score, _ in runs], steps or {})
     first = _opening(runs)
@@ -49,14 +49,14 @@ def made(runs: Sequence[Shown], notes: Sequence[str] = (), steps: Mapping[str, i
         sections, tables = [told, *sections], [shares, changes, *tables]
     title = ", ".join(dict.fromkeys(score.bank.name for score, _ in runs))
     page = page_of("Does it look, and does it listen?", title, sections, notes, first)
-    return Made(page, tables, page.notes)
+    return StudyReport(page, tables, page.notes)
 
 
-def _opening(runs: Sequence[Shown]) -> Opening:
+def _opening(runs: Sequence[ScoredBank]) -> PageSummary:
     """Return the opening: the answer for each policy, its next step, and one figure."""
     judged = [(spec, one, score) for score, _ in runs for spec, one in judge(score).items()]
     said = [
-        Said(
+        VerdictSummary(
             spec,
             "no verdict" if one.guards else f"{one.camera.label}; {one.instruction.label}".replace("_", " "),
             _tone(one),
@@ -69,10 +69,10 @@ def _opening(runs: Sequence[Shown]) -> Opening:
     several = in_a_sentence([(spec, _does(one)) for spec, one, _ in judged])
     sentence = several if len(said) > 1 else alone or "The run names no policy."
     drawn = [] if not judged else _of_first(*judged[0], runs)
-    return Opening(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
+    return PageSummary(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
 
 
-def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[Shown]) -> list[Drawing]:
+def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[ScoredBank]) -> list[Drawing]:
     """Return the figures of the first policy on the page."""
     pictures = next(pictures for other, pictures in runs if other is score)
     return [*moments(spec, score.models[spec], pictures), *_shares(score, one)]
@@ -212,7 +212,7 @@ def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
     return found or [named(UNFIT, score) if is_unfit(one) else FINE]
 
 
-def _of_label(axis: str, one: Judged, score: PolicyScore) -> str:
+def _of_label(axis: str, one: AxisVerdict, score: PolicyScore) -> str:
     """Return a label's advice, or to check the connection if a channel may have none."""
     label = USES[one.label]
     unconnected = one.may_be_unconnected and label.is_absence

@@ -8,11 +8,20 @@ from eyechart.channels import CAMERAS
 from eyechart.gate import Gate, Terms, hold_policies
 from eyechart.manifest import read_manifest
 from eyechart.models.prices import Prices
-from eyechart.studies import NO_DRIVES, Course, Finding, Made, Packed, Reading, Tell, Took
-from eyechart.studies.battery import OfFrames
-from eyechart.studies.policy.planning import STUDY
-from eyechart.studies.policy.scoring import PolicyScore, judge, judged_json, require_scorable, score, score_run, took
-from eyechart.verdicts.channels import REQUIREMENTS
+from eyechart.studies import (
+    NO_DRIVES,
+    BundledRun,
+    CheckpointSeries,
+    ModelSummary,
+    ReadOptions,
+    RunCosts,
+    StudyReport,
+    Tell,
+)
+from eyechart.studies.battery import FrameStudy
+from eyechart.studies.policy.plans import STUDY
+from eyechart.studies.policy.scores import PolicyScore, judge, judged_json, require_scorable, score, score_run, took
+from eyechart.verdicts.policy_verdict import REQUIREMENTS
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -24,7 +33,7 @@ _OPEN = f"T.matched@{CAMERAS}"
 """The statistic shown for the cameras if none decided."""
 
 
-class Policies(OfFrames[PolicyScore]):
+class Policies(FrameStudy[PolicyScore]):
     """Policies: every frame with each of their channels exchanged."""
 
     names = (STUDY,)
@@ -34,16 +43,16 @@ class Policies(OfFrames[PolicyScore]):
     required = "camera:camera_content"
     refuses: ClassVar = NO_DRIVES
 
-    def score(self, folder: Path, reading: Reading) -> PolicyScore:
+    def score(self, folder: Path, reading: ReadOptions) -> PolicyScore:
         return score(folder, reread=reading.reread)
 
-    def took_run(self, run: Path, prices: Prices) -> Took:
-        return Took(*took(run, prices), probes=dict(read_manifest(run).probes))
+    def took_run(self, run: Path, prices: Prices) -> RunCosts:
+        return RunCosts(*took(run, prices), probes=dict(read_manifest(run).probes))
 
-    def require_scorable(self, run: Path, reading: Reading) -> None:
+    def require_scorable(self, run: Path, reading: ReadOptions) -> None:
         require_scorable(run, read_manifest(run), reread=reading.reread)
 
-    def findings(self, score: PolicyScore) -> Mapping[str, Finding]:
+    def findings(self, score: PolicyScore) -> Mapping[str, ModelSummary]:
         from eyechart.studies.policy.tables import mark
 
         found = {}
@@ -53,7 +62,7 @@ class Policies(OfFrames[PolicyScore]):
             state = f"unfinished: {motions.finished} of {motions.planned} calls" if left else ""
             guards = [f"{name}: {why}" for name, why in one.guards.items()]
             by, statistics = one.camera.by or _OPEN, score.models[spec].statistics
-            found[spec] = Finding(said.text, said.tone, by, statistics.get(by), state, guards, one.answer)
+            found[spec] = ModelSummary(said.text, said.tone, by, statistics.get(by), state, guards, one.answer)
         return found
 
     def printed(self, score: PolicyScore) -> "Iterator[Table | str]":
@@ -100,12 +109,12 @@ class Policies(OfFrames[PolicyScore]):
         left = {spec: one.motions.planned - one.motions.finished for spec, one in score.models.items()}
         return hold_policies(judge(score), require, left, score.guards, **terms)
 
-    def course(self, scores: Sequence[PolicyScore], reading: Reading) -> Course | None:
-        from eyechart.studies.policy.course import course_of
+    def course(self, scores: Sequence[PolicyScore], reading: ReadOptions) -> CheckpointSeries | None:
+        from eyechart.studies.policy.training_curve import course_of
 
         return course_of(scores, reading.steps)
 
-    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         from eyechart.studies.battery.subjects import find_pictures
         from eyechart.studies.policy.page import made
 
@@ -118,7 +127,7 @@ class Policies(OfFrames[PolicyScore]):
             found.append((scored, pictures))
         return made(found, notes, reading.steps)
 
-    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[PolicyScore, Made]:
+    def derive(self, run: BundledRun, reading: ReadOptions, tell: Tell) -> tuple[PolicyScore, StudyReport]:
         from eyechart.studies.policy.page import made
 
         del reading, tell

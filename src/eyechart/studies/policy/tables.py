@@ -6,9 +6,9 @@ from typing import TypeVar
 
 from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, in_words, statistic_cells
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.policy.scoring import PolicyScore, judge
-from eyechart.verdicts.channels import PolicyVerdict
+from eyechart.studies.policy.scores import PolicyScore, judge
 from eyechart.verdicts.labels import USES
+from eyechart.verdicts.policy_verdict import PolicyVerdict
 
 Verdicts = Mapping[str, PolicyVerdict]
 

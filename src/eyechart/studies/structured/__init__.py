@@ -5,16 +5,16 @@ geometric grounding.
 """
 
 from eyechart.studies.structured import online
-from eyechart.studies.structured.planning import ADMISSION, STRUCTURED, plan
-from eyechart.studies.structured.scoring import EstimatorScore, StructuredScore, score
-from eyechart.studies.structured.told import Told, read_told
+from eyechart.studies.structured.plans import ADMISSION, STRUCTURED, plan
+from eyechart.studies.structured.scene_answers import SceneAnswers, read_told
+from eyechart.studies.structured.scores import EstimatorScore, StructuredScore, score
 
 __all__ = [
     "ADMISSION",
     "STRUCTURED",
     "EstimatorScore",
+    "SceneAnswers",
     "StructuredScore",
-    "Told",
     "online",
     "plan",
     "read_told",

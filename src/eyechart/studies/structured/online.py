@@ -12,28 +12,28 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from eyechart import episodes as closed_loop
-from eyechart.episodes import Bounds, Episode, Episodes, EpisodesManifest, Setup, read_episodes, read_manifest
-from eyechart.episodes.running import USUAL
+from eyechart.episodes import Bounds, Episode, EpisodesManifest, EpisodesRun, Setup, read_episodes, read_manifest
+from eyechart.episodes.coordinator import USUAL
 from eyechart.errors import BankError, LedgerError, SpecError, counted, raising
 from eyechart.integrity import ServedGuard
 from eyechart.ledger import Ledger
-from eyechart.limits import Outcome
+from eyechart.limits import RunOutcome
 from eyechart.manifest import LEDGER
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, find_view, view_for
-from eyechart.planned import Allowed, Bar, Ending
+from eyechart.planned_run import Bar, RunAllowance, RunEnding
 from eyechart.prompts import scene_prompt
-from eyechart.records import Plain, build, parse_json, picked, plain
+from eyechart.records import JsonRecord, build, parse_json, picked, plain
 from eyechart.run import Progress
 from eyechart.simulators import Simulator, open_simulator
 from eyechart.stats.agreement import rate
-from eyechart.stats.statistic import Measured, Statistic, cannot_say
+from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
 from eyechart.studies.closed_loop import Drives, measured, read_drives, served_of
-from eyechart.studies.structured.planning import bound
-from eyechart.studies.structured.seen import Checks, Seen, check_all, figures, read_seen
+from eyechart.studies.structured.observed_frames import FrameChecks, ObservedFrames, check_all, figures, read_seen
+from eyechart.studies.structured.plans import bound
 from eyechart.verdicts import Evidence
-from eyechart.verdicts.admission import CLAUSES, Held, hold
+from eyechart.verdicts.admission import CLAUSES, ClauseResult, hold
 
 VETTING = "vetting.json"
 _MOST_STEPS = 1000
@@ -41,7 +41,7 @@ _SEEDS_TRIED = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Vetted:
+class WorldCheck:
     """The result of vetting a world by a drive of the positive control.
 
     ``why`` is None where the world passes. ``frames`` were checked, ``ended`` is how the drive
@@ -60,7 +60,7 @@ class Vetted:
     unseen: int = 0
 
 
-def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Vetted:
+def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> WorldCheck:
     """Let the positive control drive in a world and check every frame of the drive.
 
     Renderer integrity: the picture fits the view, is not empty, and shows a road with the own
@@ -68,7 +68,7 @@ def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Ve
     correctly on 90 % of them, and the reflection exactly equal. A side is not judged where nothing
     in the picture blocks it, because the vehicle stands beside a forward camera.
     """
-    checks, ended = Checks(), "time"
+    checks, ended = FrameChecks(), "time"
     drive = simulator.drive(scenario, seed)
     try:
         while checks.frames < _MOST_STEPS:
@@ -88,19 +88,19 @@ def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> Ve
     finally:
         drive.close()
     why = checks.whole()
-    return Vetted(scenario, seed, checks.frames, ended, dict(checks.actions), checks.gap_mae_m, why, checks.unseen)
+    return WorldCheck(scenario, seed, checks.frames, ended, dict(checks.actions), checks.gap_mae_m, why, checks.unseen)
 
 
 def vet_worlds(
     name: str, episodes: int, view: View | None, progress: Callable[[int, int], None] | None = None
-) -> tuple[Vetted, ...]:
+) -> tuple[WorldCheck, ...]:
     """Vet worlds of every scenario in turn, by seed, until ``episodes`` pass; return all tried.
 
     Raises SpecError where too few pass within ten seeds per scenario.
     """
     simulator = open_simulator(name)
     share, rest = divmod(episodes, len(simulator.declared.scenarios))
-    found: list[Vetted] = []
+    found: list[WorldCheck] = []
     for number, scenario in enumerate(simulator.declared.scenarios):
         wanted = share + (number < rest)
         for seed in range(_SEEDS_TRIED):
@@ -119,7 +119,7 @@ def vet_worlds(
     return tuple(found)
 
 
-def write_vetting(out: Path, vetted: tuple[Vetted, ...]) -> None:
+def write_vetting(out: Path, vetted: tuple[WorldCheck, ...]) -> None:
     """Write the vetted worlds and their results into the run's folder."""
     out.mkdir(parents=True, exist_ok=True)
     partial = out / f".{VETTING}"
@@ -127,13 +127,13 @@ def write_vetting(out: Path, vetted: tuple[Vetted, ...]) -> None:
     partial.replace(out / VETTING)
 
 
-def read_vetting(out: Path) -> tuple[Vetted, ...] | None:
+def read_vetting(out: Path) -> tuple[WorldCheck, ...] | None:
     """Return a run folder's vetting, None without one; raises LedgerError for another file."""
     file = out / VETTING
     if not file.is_file():
         return None
     with raising(LedgerError, f"{file} is no record of vetted worlds", of=(ValueError, RecursionError)):
-        found = build(tuple[Vetted, ...], parse_json(file.read_text(encoding="utf-8")))
+        found = build(tuple[WorldCheck, ...], parse_json(file.read_text(encoding="utf-8")))
     if not any(one.why is None for one in found):
         raise LedgerError(f"{file} is no record of vetted worlds: no world in it passed; choose another --out")
     return found
@@ -145,13 +145,13 @@ CONTROL = "positive control (vetting)"
 
 
 @dataclass(frozen=True)
-class Online(Episodes):
+class OnlineRun(EpisodesRun):
     """An online run, planned but not yet driven: its episodes, and the vetting of their worlds."""
 
-    vetted: tuple[Vetted, ...] = ()
+    vetted: tuple[WorldCheck, ...] = ()
 
     @property
-    def episodes(self) -> Episodes:
+    def episodes(self) -> EpisodesRun:
         """Return the run itself, which has the episodes."""
         return self
 
@@ -160,7 +160,7 @@ class Online(Episodes):
         write_vetting(self.out, self.vetted)
         return super().begin()
 
-    def lines(self, how: Allowed) -> Iterator[str]:
+    def lines(self, how: RunAllowance) -> Iterator[str]:
         """Yield the refused worlds, the number of episodes, and their expected cost."""
         yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in self.vetted if one.why is not None)
         yield f"view: {self.manifest.view}"
@@ -168,16 +168,16 @@ class Online(Episodes):
         yield from bound(self.manifest.modes.values())
         yield from self.forecast(how)
 
-    def make(self, how: Allowed, bar: Bar) -> Outcome:
+    def make(self, how: RunAllowance, bar: Bar) -> RunOutcome:
         """Drive the remaining episodes."""
         write_vetting(self.out, self.vetted)
         return super().make(how, bar)
 
-    def ends(self, outcome: Outcome, failed: Mapping[str, str]) -> Iterator[Ending]:
+    def ends(self, outcome: RunOutcome, failed: Mapping[str, str]) -> Iterator[RunEnding]:
         """Yield what is left and why, and how many episodes ended in an error."""
         yield closed_loop.drives_ended({"": self}, outcome, failed)
         if errors := sum(one.errors for one in score(self.out).driven.values()):
-            yield Ending([f"{errors} episodes ended in an error; no number counts them"], 1)
+            yield RunEnding([f"{errors} episodes ended in an error; no number counts them"], 1)
 
 
 def plan(
@@ -189,8 +189,8 @@ def plan(
     episodes: int = EPISODES,
     seed: int = 0,
     progress: Progress | None = None,
-    vetted: tuple[Vetted, ...] | None = None,
-) -> Online:
+    vetted: tuple[WorldCheck, ...] | None = None,
+) -> OnlineRun:
     """Vet worlds, or read the vetting in ``out``, and plan an episode per model and passed world.
 
     Writes nothing and makes no call. ``progress`` gets (worlds passed, of how many). ``vetted`` is
@@ -206,7 +206,7 @@ def plan(
     shown = view_for(view, world.camera or world.name)
     prompt = scene_prompt(world.picture, distances_of(world.camera), shown)
 
-    def planned(seeds: Sequence[int]) -> Episodes:
+    def planned(seeds: Sequence[int]) -> EpisodesRun:
         return closed_loop.plan(setup, specs, out, seeds=seeds, prompt=prompt, view=shown)
 
     planned((0,))  # to report faults of the models or the folder before driving the worlds
@@ -220,17 +220,17 @@ def plan(
         )
     whole = planned(tuple(dict.fromkeys(number for _, number in worlds)))
     keys = tuple(key for key in whole.keys if (key.scenario, key.seed) in worlds)
-    return Online(**{**vars(whole), "keys": keys}, vetted=vetted)
+    return OnlineRun(**{**vars(whole), "keys": keys}, vetted=vetted)
 
 
-def run(planned: Online, *, bounds: Bounds = USUAL, progress: Progress | None = None) -> Outcome:
+def run(planned: OnlineRun, *, bounds: Bounds = USUAL, progress: Progress | None = None) -> RunOutcome:
     """Drive the planned episodes that the folder lacks; see `episodes.run`."""
     write_vetting(planned.out, planned.vetted)
     return closed_loop.run(planned, bounds=bounds, progress=progress)
 
 
-def check_seen(out: Path, progress: Progress | None = None) -> tuple[Seen, ...]:
-    """Check every frame of a run's estimators that was not checked yet; see `seen.check`.
+def check_seen(out: Path, progress: Progress | None = None) -> tuple[ObservedFrames, ...]:
+    """Check every frame of a run's estimators that was not checked yet; see `observed_frames.check`.
 
     It replays the worlds and makes no call.
     """
@@ -240,7 +240,7 @@ def check_seen(out: Path, progress: Progress | None = None) -> tuple[Seen, ...]:
 
 
 @dataclass(frozen=True)
-class Driven(Plain):
+class OnlineResult(JsonRecord):
     """The results of one estimator's episodes: crash rate and decisions.
 
     ``fail_safe`` counts the steps without an estimate, at which SLOW was executed; they are
@@ -256,7 +256,7 @@ class Driven(Plain):
     statistics: Mapping[str, Statistic] = field(default_factory=dict)
 
     @property
-    def clauses(self) -> tuple[Held, ...]:
+    def clauses(self) -> tuple[ClauseResult, ...]:
         """Return the clauses of admission, checked on the frames of the drives."""
         return hold(self.statistics) if self.statistics else ()
 
@@ -266,10 +266,10 @@ class OnlineScore:
     """The results of an online run by estimator, the vetting, and mixed models behind one name."""
 
     manifest: EpisodesManifest
-    vetted: tuple[Vetted, ...]
-    driven: Mapping[str, Driven]
+    vetted: tuple[WorldCheck, ...]
+    driven: Mapping[str, OnlineResult]
     served: Mapping[str, ServedGuard] = field(default_factory=dict)
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[ObservedFrames, ...] = ()
     drives: tuple[Drives, ...] = ()
 
     def left(self, spec: str) -> tuple[int, int]:
@@ -299,7 +299,7 @@ class OnlineScore:
             found[spec] = Evidence(spec, one.statistics or nothing, steps, steps, {}, guards)
         return found
 
-    def measured(self) -> tuple[Measured, ...]:
+    def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the audit and the figures of every estimator in its simulator."""
         return tuple(
             replace(one, statistics={**one.statistics, **self.driven[one.model].statistics})
@@ -336,7 +336,9 @@ def score(path: Path) -> OnlineScore:
     passed = [one for one in vetted if one.why is None]
     worlds = {(one.scenario, one.seed) for one in passed}
     decisions = sum((Counter(one.actions) for one in passed), Counter[str]())
-    driven = {CONTROL: Driven(rate(sum(one.ended == "crash" for one in passed), len(passed)), dict(decisions), 0, 0)}
+    driven = {
+        CONTROL: OnlineResult(rate(sum(one.ended == "crash" for one in passed), len(passed)), dict(decisions), 0, 0)
+    }
     with Ledger(path / LEDGER, absent=True) as ledger:
         replies = {spec: list(ledger.replies(spec)) for spec in manifest.models}
     for spec in manifest.policies:
@@ -349,10 +351,10 @@ def score(path: Path) -> OnlineScore:
     return OnlineScore(manifest, vetted, driven, served_of(path), read_seen(path), drives)
 
 
-def _driven(episodes: Sequence[Episode]) -> Driven:
+def _driven(episodes: Sequence[Episode]) -> OnlineResult:
     good = [one for one in episodes if one.ended != "error"]
     taken = [step.decision.action for one in good for step in one.steps]
-    return Driven(
+    return OnlineResult(
         crash_rate=rate(sum(one.crashed for one in good), len(good)),
         decisions=dict(Counter(action for action in taken if action is not None)),
         fail_safe=sum(action is None for action in taken),

@@ -4,9 +4,9 @@ from collections.abc import Collection, Iterator, Mapping
 
 from eyechart.gate import UNPARSED, hold_online
 from eyechart.report.charts import BLUE, HEAD, INK, Drawing, dots, style
-from eyechart.report.page import MOST_SAID, Opening, Said, Section, parted
+from eyechart.report.page import MOST_SAID, PageSummary, Section, VerdictSummary, parted
 from eyechart.report.table import estimate
-from eyechart.studies.closed_loop.page import First
+from eyechart.studies.closed_loop.page import StudyIntroduction
 from eyechart.studies.structured.online import CONTROL, OnlineScore
 from eyechart.studies.structured.tables import clauses_words, met_table, online_table
 
@@ -18,11 +18,11 @@ _INTRO = (
 )
 
 
-def first_of(scores: Mapping[str, OnlineScore]) -> First:
+def first_of(scores: Mapping[str, OnlineScore]) -> StudyIntroduction:
     """Return the question, the answer and the evidence of online runs, by name."""
     named = {f"{name} · " if len(scores) > 1 else "": score for name, score in scores.items()}
     said = [one for of, score in named.items() for one in _said(of, score)]
-    answer = Opening(
+    answer = PageSummary(
         parted(said, _ANSWERS, "estimators that drove"),
         said,
         figure=_crashes(named, frozenset(one.who for one in said if one.tone == "sees")),
@@ -30,14 +30,14 @@ def first_of(scores: Mapping[str, OnlineScore]) -> First:
     )
     tables = [table(score) for score in scores.values() for table in (online_table, met_table)]
     lines = [line for of, score in named.items() for line in _lines(of, score)]
-    return First(
+    return StudyIntroduction(
         "Do these models measure the scene that they drive in?",
         answer,
         Section("Admission", _INTRO, tables=tables, lines=lines),
     )
 
 
-def _said(of: str, score: OnlineScore) -> Iterator[Said]:
+def _said(of: str, score: OnlineScore) -> Iterator[VerdictSummary]:
     """Yield whether each estimator is admitted, and the clauses that it does not meet."""
     gate = hold_online(score)
     for spec in score.manifest.models:
@@ -45,7 +45,7 @@ def _said(of: str, score: OnlineScore) -> Iterator[Said]:
         held = [one.holds for one in mine]
         tone = "sees" if held and all(held) else "blind" if False in held else "open"
         why = clauses_words((one.requirement, one.holds, one.because) for one in mine)
-        yield Said(f"{of}{spec}", _ANSWERS[tone][0], tone, why, place="first")
+        yield VerdictSummary(f"{of}{spec}", _ANSWERS[tone][0], tone, why, place="first")
 
 
 def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Drawing:

@@ -14,22 +14,22 @@ from eyechart.integrity import unfinished
 from eyechart.perception.view import find_view, through
 from eyechart.report.accounts import deployment_tables
 from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import Opening, Page, Said, Shot, fill, parted
+from eyechart.report.page import ExamplePicture, Page, PageSummary, VerdictSummary, fill, parted
 from eyechart.spaces.scene import SceneDecision
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import view_uri
 from eyechart.studies.battery.subjects import accounts_of, subjects
-from eyechart.studies.structured.planning import CONDITIONS
+from eyechart.studies.structured.plans import CONDITIONS
+from eyechart.studies.structured.scene_answers import SceneAnswers, faults, gap_error_m, weight
 from eyechart.studies.structured.tables import (
     Estimates,
-    Estimator,
+    EstimatorInRun,
     clauses_table,
     clauses_words,
     controller_table,
     figures_table,
     scored_of,
 )
-from eyechart.studies.structured.told import Told, faults, gap_error_m, weight
 
 _DRAWN = 12
 """The most models with a figure of their own in the page."""
@@ -90,10 +90,10 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
 
 def _opening(
     evidence: Sequence[Estimates], cards: Sequence[Mapping[str, Any]], worst: Mapping[str, Sequence[int]]
-) -> Opening:
+) -> PageSummary:
     """Return the opening: the admitted models, and the estimates of the worst frame."""
     said = [
-        Said(
+        VerdictSummary(
             card["model"],
             "admitted" if card["admitted"] else "not admitted yet" if card["state"] else "not admitted",
             "sees" if card["admitted"] else "blind" if card["fails"] and not card["state"] else "open",
@@ -105,18 +105,18 @@ def _opening(
     sentence = parted(said, _ANSWERS, "estimators") if len(said) != 1 else f"It is {said[0].label}."
     run = next((run for run in evidence if worst[run.name] and run.score.models), None)
     if run is None:
-        return Opening(sentence, said)
+        return PageSummary(sentence, said)
     place, models = worst[run.name][0], list(run.score.models)[:_OPENING_MODELS]
     views = dict(_views(run, run.frames[place]))
     shots = [
-        Shot(
+        ExamplePicture(
             words, views.get(words, ""), "picture not in this page", [_shot(run, spec, name, place) for spec in models]
         )
         for name, words in _VIEWS.items()
     ]
     truth = _truth_words(run.score.models[models[0]].told, place)
     caption = f"Frame {run.frames[place].id}, the worst of all models together. Truth: {truth}."
-    return Opening(sentence, said, models, shots, caption=caption)
+    return PageSummary(sentence, said, models, shots, caption=caption)
 
 
 def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, str, str]:
@@ -129,7 +129,7 @@ def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, s
     return "bad" if wrong else "good", words, ", ".join(wrong)
 
 
-def gaps(who: Estimator, place: int) -> list[Drawing]:
+def gaps(who: EstimatorInRun, place: int) -> list[Drawing]:
     """Draw the estimated gap against the true one, for leads in the picture; empty without any."""
     told, one = who.model.told, who.model.statistics["gap_mae_m"]
     pairs = [
@@ -169,7 +169,7 @@ def _run(run: Estimates) -> dict[str, object]:
     }
 
 
-def _card(who: Estimator) -> dict[str, Any]:
+def _card(who: EstimatorInRun) -> dict[str, Any]:
     score = who.model
     state = unfinished(score.answered, score.planned)
     fails = [one.name for one in score.clauses if one.passes is False]
@@ -212,7 +212,7 @@ def shown_frames(
 
 
 def listed_frames(
-    everyone: Sequence[Estimator], order: Mapping[str, Sequence[int]]
+    everyone: Sequence[EstimatorInRun], order: Mapping[str, Sequence[int]]
 ) -> tuple[list[dict[str, object]], list[str]]:
     """Return a table per model of its estimates, the worst frames first, and notes."""
     each = max(1, MOST_ROWS // max(1, len(everyone)))
@@ -282,7 +282,7 @@ def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, obj
     }
 
 
-def _truth_cells(told: Told, place: int) -> list[str]:
+def _truth_cells(told: SceneAnswers, place: int) -> list[str]:
     frame = told.frames[place]
     told_of = (frame.truth.get(name) for name in ("left_clear", "right_clear"))
     sides = [_side(clear=one) if isinstance(one, bool) else "—" for one in told_of]
@@ -294,7 +294,7 @@ def _truth_cells(told: Told, place: int) -> list[str]:
     return [metres, "close" if told.close[place] else "not close", *sides, "", "—" if demand is None else str(demand)]
 
 
-def _truth_words(told: Told, place: int) -> str:
+def _truth_words(told: SceneAnswers, place: int) -> str:
     gap, close, left, right, _, demand = _truth_cells(told, place)
     return f"{gap}, {close}; left {left}, right {right}; {demand}"
 

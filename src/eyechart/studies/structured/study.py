@@ -10,13 +10,13 @@ from eyechart.gate import ADMISSION, ONLINE, Gate, Terms, hold_admission, hold_o
 from eyechart.integrity import unfinished
 from eyechart.manifest import read_manifest
 from eyechart.stats.statistic import Statistic
-from eyechart.studies import NO_DRIVES, Finding, Made, Packed, Reading, Tell
-from eyechart.studies.battery import OfFrames
-from eyechart.studies.closed_loop import NO_LEDGER, OfEpisodes
+from eyechart.studies import NO_DRIVES, BundledRun, ModelSummary, ReadOptions, StudyReport, Tell
+from eyechart.studies.battery import FrameStudy
+from eyechart.studies.closed_loop import NO_LEDGER, EpisodeStudy
 from eyechart.studies.structured import online
 from eyechart.studies.structured.online import VETTING
-from eyechart.studies.structured.planning import STUDIES
-from eyechart.studies.structured.scoring import StructuredScore, require_scorable, score, score_run
+from eyechart.studies.structured.plans import STUDIES
+from eyechart.studies.structured.scores import StructuredScore, require_scorable, score, score_run
 from eyechart.verdicts import Ruling
 from eyechart.verdicts.admission import ADMITS
 from eyechart.verdicts.labels import ADMITTED
@@ -24,14 +24,14 @@ from eyechart.verdicts.labels import ADMITTED
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
     from eyechart.report.table import Table
-    from eyechart.studies.closed_loop.page import First
+    from eyechart.studies.closed_loop.page import StudyIntroduction
     from eyechart.studies.structured.tables import Estimates
 
 _UNSAID = "admission_cannot_be_said"
 _NO_VERDICT = "is a run of scene estimates, which has clauses and no verdict: use 'eyechart score' or 'eyechart gate'"
 
 
-class Structured(OfFrames[StructuredScore]):
+class StructuredStudy(FrameStudy[StructuredScore]):
     """Scene estimates of frames and of their reflections."""
 
     names = STUDIES
@@ -41,13 +41,13 @@ class Structured(OfFrames[StructuredScore]):
     required = "admission"
     refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare"), _NO_VERDICT)}
 
-    def score(self, folder: Path, reading: Reading) -> StructuredScore:
+    def score(self, folder: Path, reading: ReadOptions) -> StructuredScore:
         found = score(folder, reread=reading.reread)
         if reading.prices is None:
             return found
         return replace(found, accounting=self.took_run(folder, reading.prices).accounts)
 
-    def findings(self, score: StructuredScore) -> Mapping[str, Finding]:
+    def findings(self, score: StructuredScore) -> Mapping[str, ModelSummary]:
         found = {}
         for spec, one in score.models.items():
             state = unfinished(one.answered, one.planned)
@@ -69,13 +69,13 @@ class Structured(OfFrames[StructuredScore]):
     def gate(self, score: StructuredScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
         return hold_admission(score, require, **terms)
 
-    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> Made:
+    def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         from eyechart.studies.battery.subjects import read_evidence
 
         return _made(read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell), tell)
 
     def paper(
-        self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell
+        self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell
     ) -> "Iterator[Table | Drawing]":
         from eyechart.studies.battery.subjects import read_evidence
         from eyechart.studies.structured.figures import interface
@@ -85,10 +85,10 @@ class Structured(OfFrames[StructuredScore]):
         yield from paper_tables({one.name: one.score for one in evidence})
         yield from interface(evidence)
 
-    def require_scorable(self, run: Path, reading: Reading) -> None:
+    def require_scorable(self, run: Path, reading: ReadOptions) -> None:
         require_scorable(run, read_manifest(run), reread=reading.reread)
 
-    def derive(self, run: Packed, reading: Reading, tell: Tell) -> tuple[StructuredScore, Made]:
+    def derive(self, run: BundledRun, reading: ReadOptions, tell: Tell) -> tuple[StructuredScore, StudyReport]:
         del reading  # nothing is drawn at random
         from eyechart.studies.battery.subjects import SHOWN, evidence_of
 
@@ -96,14 +96,14 @@ class Structured(OfFrames[StructuredScore]):
         return found, _made([evidence_of(run.name, found, run.ledger, run.pictures, SHOWN)], tell)
 
 
-def _finding(statistics: Mapping[str, Statistic], state: str, marks: Sequence[str] = ()) -> Finding:
+def _finding(statistics: Mapping[str, Statistic], state: str, marks: Sequence[str] = ()) -> ModelSummary:
     """Return whether an estimator is admitted, with its first failed clause; or cannot say."""
     ruling = ADMITS.evaluate(statistics) if statistics else Ruling(_UNSAID, "", "the drives have no frame")
     ruling = replace(ruling, label=_UNSAID) if state else ruling
-    return Finding.of(ruling, ADMITTED[ruling.label], state, marks)
+    return ModelSummary.of(ruling, ADMITTED[ruling.label], state, marks)
 
 
-def _made(evidence: "Sequence[Estimates]", tell: Tell) -> Made:
+def _made(evidence: "Sequence[Estimates]", tell: Tell) -> StudyReport:
     from eyechart.report.accounts import deployment_tables
     from eyechart.studies.battery.subjects import accounts_of, subjects
     from eyechart.studies.structured.page import make_estimates_page
@@ -111,10 +111,10 @@ def _made(evidence: "Sequence[Estimates]", tell: Tell) -> Made:
 
     page = make_estimates_page(evidence, tell=tell)
     everyone = subjects(evidence)
-    return Made(page, [*tables_of(scored_of(everyone)), *deployment_tables(accounts_of(everyone))], page.notes)
+    return StudyReport(page, [*tables_of(scored_of(everyone)), *deployment_tables(accounts_of(everyone))], page.notes)
 
 
-class OnlineStudy(OfEpisodes[online.OnlineScore]):
+class OnlineStudy(EpisodeStudy[online.OnlineScore]):
     """Estimators that drive through the safety policy; a report shows their drives."""
 
     refuses: ClassVar = {
@@ -128,14 +128,14 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
     def holds(self, folder: Path) -> bool:
         return (folder / VETTING).is_file()
 
-    def score(self, folder: Path, reading: Reading) -> online.OnlineScore:
+    def score(self, folder: Path, reading: ReadOptions) -> online.OnlineScore:
         del reading
         return online.score(folder)
 
     def gate(self, score: online.OnlineScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
         return hold_online(score, require, **terms)
 
-    def findings(self, score: online.OnlineScore) -> Mapping[str, Finding]:
+    def findings(self, score: online.OnlineScore) -> Mapping[str, ModelSummary]:
         found = {}
         for spec in score.manifest.models:
             seen, why = score.frames(spec)
@@ -143,17 +143,17 @@ class OnlineStudy(OfEpisodes[online.OnlineScore]):
             found[spec] = _finding(score.driven[spec].statistics, state)
         return found
 
-    def whole(self, folder: Path, reading: Reading, tell: Tell) -> tuple[online.OnlineScore, Made]:
+    def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[online.OnlineScore, StudyReport]:
         return online.score(folder), self.report([folder], [], reading, tell)
 
-    def first(self, runs: Sequence[Path]) -> "First | None":
+    def first(self, runs: Sequence[Path]) -> "StudyIntroduction | None":
         from eyechart.studies.structured.online_page import first_of
 
         if not all(map(self.holds, runs)):
             return None
         return first_of({run.resolve().name: online.score(run) for run in runs})
 
-    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: Reading, tell: Tell) -> "Iterator[Table]":
+    def paper(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> "Iterator[Table]":
         from eyechart.studies.structured.tables import crashes_table
 
         del banks

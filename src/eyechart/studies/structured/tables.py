@@ -6,11 +6,11 @@ from dataclasses import replace
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, stacked, statistic_cells
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import CallsScore
-from eyechart.studies.battery.subjects import OfModel, RunEvidence
+from eyechart.studies.battery.subjects import ModelInRun, RunEvidence
 from eyechart.studies.structured import EstimatorScore
 from eyechart.studies.structured.online import CONTROL, OnlineScore
-from eyechart.studies.structured.planning import ADMISSION
-from eyechart.verdicts.admission import CLAUSES, Held
+from eyechart.studies.structured.plans import ADMISSION
+from eyechart.verdicts.admission import CLAUSES, ClauseResult
 
 PAPER = (1.0, 1.0, 0.09, 1.0, 1.0, 1.0, 10)
 """The positive control's line of Table t:controller-local, on the paper's own 288 pairs.
@@ -34,24 +34,24 @@ _TOLD = 2
 _OUTCOME = {True: Mark("pass", "good"), False: Mark("fail", "bad"), None: Mark("cannot say", "open")}
 
 Estimates = RunEvidence[EstimatorScore]
-Estimator = OfModel[EstimatorScore]
+EstimatorInRun = ModelInRun[EstimatorScore]
 """A run of scene estimates, and a model in it."""
 
-Scored = tuple[str, EstimatorScore, Sequence[str]]
+ScoredEstimator = tuple[str, EstimatorScore, Sequence[str]]
 """A model's label, its score, and its failed guards in words."""
 
 
-def scored_of(everyone: Sequence[Estimator]) -> list[Scored]:
+def scored_of(everyone: Sequence[EstimatorInRun]) -> list[ScoredEstimator]:
     """Return the models of a report's evidence with their scores."""
     return [(who.label, who.model, who.run.score.marks(who.spec)) for who in everyone]
 
 
-def tables_of(everyone: Sequence[Scored]) -> tuple[Table, ...]:
+def tables_of(everyone: Sequence[ScoredEstimator]) -> tuple[Table, ...]:
     """Return every table of models with scene estimates."""
     return controller_table(everyone), clauses_table(everyone), figures_table(everyone)
 
 
-def controller_table(everyone: Sequence[Scored]) -> Table:
+def controller_table(everyone: Sequence[ScoredEstimator]) -> Table:
     """Return Table t:controller-local, a line per model, with the paper's control in the note."""
     rows: list[tuple[Cell, ...]] = []
     for label, score, fails in everyone:
@@ -105,7 +105,7 @@ def _admitted(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
     return replace(made, columns=(*made.columns, Column("admitted", "word"), Column("clauses")), rows=rows)
 
 
-def _held_words(clauses: Iterable[Held]) -> Iterator[str]:
+def _held_words(clauses: Iterable[ClauseResult]) -> Iterator[str]:
     for one in clauses:
         if one.passes is not True:
             yield f"{one.name} {'fails' if one.passes is False else 'cannot be said'}"
@@ -132,13 +132,13 @@ def _clause_words(name: str, because: str) -> str:
     return f"{name}{says}: {because}"
 
 
-def clauses_table(everyone: Sequence[Scored]) -> Table:
+def clauses_table(everyone: Sequence[ScoredEstimator]) -> Table:
     """Return one row per clause: what it needs, its value, and pass or fail."""
     held = ((label, one) for label, score, _ in everyone for one in score.clauses)
     return _held_table("clauses", "The clauses of admission, checked for each estimator", held)
 
 
-def _held_table(name: str, caption: str, held: Iterable[tuple[str, Held]]) -> Table:
+def _held_table(name: str, caption: str, held: Iterable[tuple[str, ClauseResult]]) -> Table:
     rows = tuple(
         (
             label,
@@ -154,7 +154,7 @@ def _held_table(name: str, caption: str, held: Iterable[tuple[str, Held]]) -> Ta
     return Table(name, caption, (*named, Column("outcome", "word"), Column("what is counted")), rows)
 
 
-def figures_table(everyone: Sequence[Scored]) -> Table:
+def figures_table(everyone: Sequence[ScoredEstimator]) -> Table:
     """Return every figure, over all frames and over those before any collision."""
     rows = tuple(
         (label, scope, name, *statistic_cells(one)[:-1], "; ".join(filter(None, (one.method, one.note))))

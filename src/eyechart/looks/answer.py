@@ -1,0 +1,142 @@
+"""The answer of a look: one screen of 80 columns, or plain values."""
+
+import shlex
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from eyechart.records import KeyedRecord
+
+COLUMNS = 80
+EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class PictureResult:
+    """One picture in words, with the counts of its answers, or the change of a motion."""
+
+    shows: str
+    answers: dict[str, int] | None = None
+    change: float | None = None
+    ci: tuple[float, float] | None = None
+    n: int = 0
+
+    @property
+    def words(self) -> str:
+        """Return the result in words."""
+        if self.answers is not None:
+            counted = ", ".join(f"{name} {count}" for name, count in self.answers.items())
+            return f"{counted} of {self.n} answers" if counted else "not asked"
+        if self.change is None:
+            return "not asked"
+        low, high = (min(one, 1.0) for one in self.ci or (0.0, 0.0))
+        between = f" [{low:.0%}, {high:.0%}]" if low < high else ""
+        return f"changes {min(self.change, 1.0):.0%} of its motion{between}"
+
+
+@dataclass(frozen=True, slots=True)
+class NextStep:
+    """A possible next step: a reason and a command."""
+
+    why: str
+    command: str
+
+
+@dataclass(frozen=True)
+class Look(KeyedRecord):
+    """Whether a model or a policy looks, why, and the files that the look made.
+
+    ``answer`` is Yes, In part, No or Inconclusive; ``because`` is its sentence. ``holes`` are the
+    places where it does not hold. ``pictures`` are three in words, out of ``among``. ``ended`` says
+    why the calls stopped early, if they did. ``report`` and ``run`` are None if there were no
+    calls.
+    """
+
+    written = "answer because holes next=commands report=page run=folder model=spec label pictures among ended calls"
+
+    spec: str
+    answer: str
+    because: str
+    holes: tuple[str, ...] = ()
+    label: str = ""
+    pictures: tuple[PictureResult, ...] = ()
+    among: str = ""
+    next: tuple[NextStep, ...] = ()
+    report: Path | None = None
+    run: Path | None = None
+    calls: int = 0
+    ended: str = ""
+
+    @property
+    def commands(self) -> list[str]:
+        """Return the commands of the next steps."""
+        return [one.command for one in self.next]
+
+    @property
+    def page(self) -> str | None:
+        """Return the page's path; None if there is none."""
+        return None if self.report is None else str(self.report)
+
+    @property
+    def folder(self) -> str | None:
+        """Return the run's folder; None if there is none."""
+        return None if self.run is None else str(self.run)
+
+    def exit_code(self, *, accept_part: bool = False) -> int:
+        """Return 0 for Yes, 1 for No and In part (0 if accepted), 2 for Inconclusive."""
+        return 0 if accept_part and self.answer == "In part" else EXIT_CODES[self.answer]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+    def markdown(self) -> str:
+        """Return two Markdown tables: the answer, and the results of the three pictures."""
+        said = " ".join([self.because, *self.holes])
+        rows: list[tuple[str, ...]] = [
+            ("looks?", "who", "because"),
+            ("---",) * 3,
+            (f"**{self.answer}**", f"`{self.spec}`", said),
+        ]
+        if self.pictures:
+            rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
+            rows += [(one.shows, one.words) for one in self.pictures]
+        return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |\n" if row else "\n" for row in rows)
+
+    def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
+        """Yield the screen in lines of at most 80 columns; ``shown`` converts a text to display."""
+        yield from _wrapped(shown(f"{self.answer}. {self.because}"))
+        yield from (line for hole in self.holes for line in _wrapped(shown(hole), "  "))
+        if self.pictures:
+            yield ""
+            yield from _wrapped(f"What it answers to three pictures, {self.among}:")
+        wide = max((len(one.shows) for one in self.pictures), default=0)
+        for one in self.pictures:
+            yield from _wrapped(one.words, f"  {one.shows:<{wide}}  ", " " * (wide + 4))
+        if self.ended:
+            yield from ["", *_wrapped(self.ended)]
+        yield from ["", "Next"] if self.next else []
+        for step in self.next:
+            yield from _wrapped(f"{shown(step.why)}:", "  ")
+            yield from pasted(shown(step.command))
+        if self.report is not None:
+            yield ""
+            yield from _wrapped(shown(f"The page: {self.report}"))
+
+
+def _wrapped(text: str, first: str = "", later: str | None = None) -> Sequence[str]:
+    then = first if later is None else later
+    return textwrap.wrap(
+        text, COLUMNS, initial_indent=first, subsequent_indent=then, break_on_hyphens=False, break_long_words=True
+    ) or [first]
+
+
+def pasted(command: str) -> Iterator[str]:
+    """Yield a command to paste, on lines of at most 80 columns if its words allow."""
+    line = "    "
+    for word in map(shlex.quote, shlex.split(command)):
+        if line.strip() and len(line) + len(word) + 2 > COLUMNS:
+            yield f"{line}\\"
+            line = "      "
+        line += f"{word} "
+    yield line.rstrip()

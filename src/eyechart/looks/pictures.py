@@ -1,0 +1,139 @@
+"""The bank of a look: a given one, one made from photographs or a data set, or a drawn one."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from eyechart.errors import SourceError, SpecError, finite_number, raising
+from eyechart.event_loops import Progress
+from eyechart.formats import FORMATS
+from eyechart.importing.bank import Choices
+from eyechart.importing.lerobot import Horizon, read_dataset
+from eyechart.importing.photographs import Convert
+from eyechart.records import parse_json
+from eyechart.simulators import open_bank_simulator
+
+BANK, RECORD = "bank", "look.json"
+FORMAT = "eyechart-look/1"
+
+WORLD, STEPS = "highway", 18
+"""The drawn bank for a model: 216 frames of 12 episodes, the fewest with power .8 per answer."""
+TABLE, TABLE_STEPS = "tabletop", 6
+"""The drawn bank for a policy: 72 frames of 12 episodes."""
+SEEDS = (0, 1, 2)
+
+TAKEN = 300
+"""About this many frames of a data set are used: every Nth, from all episodes."""
+
+
+_LONG_WAY = "; or make the bank with 'eyechart frames import', which takes these options, and give it with --frames"
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The source of a look's frames; without one, eyechart draws a bank.
+
+    ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a LeRobotDataset. For
+    the last two, ``columns`` maps places to columns, and a distance below ``threshold`` in ``unit``
+    is near. Raises SpecError if these contradict each other.
+    """
+
+    frames: Path | None = None
+    photos: Path | None = None
+    table: Path | None = None
+    dataset: Path | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    threshold: float | None = None
+    unit: str | None = None
+
+    def __post_init__(self) -> None:
+        given = {"--frames": self.frames, "--photos": self.photos, "--dataset": self.dataset}
+        several = [name for name, path in given.items() if path is not None]
+        if len(several) > 1:
+            raise SpecError(f"{' and '.join(several)} both give frames: give one")
+        if (self.photos is None) != (self.table is None):
+            raise SpecError("--photos FOLDER and --table FILE belong together: each row of the table is a photograph")
+        said = {"--map": self.columns, "--threshold": self.threshold, "--unit": self.unit}
+        lost = [name for name, one in said.items() if one not in (None, {})]
+        if lost and self.photos is None and self.dataset is None:
+            raise SpecError(f"{', '.join(lost)} needs --photos or --dataset: give one of them")
+        if self.threshold is not None:
+            finite_number("--threshold", self.threshold)
+
+    @property
+    def are_brought(self) -> bool:
+        """Return whether a bank is imported, so that the import's notes are printed."""
+        return self.photos is not None or self.dataset is not None
+
+    def bank(self, out: Path, move: Progress, steps: int | None = None) -> Path:
+        """Return the bank's path: the given one, or the look's own, which is made once.
+
+        ``steps`` is the length of a policy's motions; ``move`` gets the progress. Raises SpecError
+        if the folder holds a bank of other pictures, and what the import or the build raises.
+        """
+        if self.frames is not None:
+            return self.frames
+        place = out / BANK
+        if place.exists():
+            self._require_same(out, steps)
+            return place
+        out.mkdir(parents=True, exist_ok=True)
+        self._make(place, move, steps)
+        said = {"format": FORMAT, "frames": self._said(steps)}
+        (out / RECORD).write_text(json.dumps(said, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        return place
+
+    def _make(self, place: Path, move: Progress, steps: int | None) -> None:
+        choices = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, convert=Convert())
+        if self.photos is not None and self.table is not None:
+            FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
+        elif self.dataset is not None:
+            frames = sum(one or 0 for one in read_dataset(self.dataset, None, every=True).episodes.lengths.values())
+            ahead, every = None if steps is None else Horizon(steps), max(1, frames // TAKEN)
+            own = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, every=every)
+            with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
+                FORMATS["lerobot"].importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
+        elif steps is None:
+            open_bank_simulator(WORLD).build(place, seeds=SEEDS, steps=STEPS, progress=move)
+        else:
+            open_bank_simulator(TABLE).build(place, seeds=SEEDS, steps=TABLE_STEPS, progress=move)
+
+    def _said(self, steps: int | None) -> dict[str, object]:
+        """Return in plain values what the folder's bank is made from."""
+        table = None if self.table is None else hashlib.sha256(self.table.read_bytes()).hexdigest()
+        places = {"photos": self.photos, "dataset": self.dataset}
+        found: dict[str, object] = {name: str(path.resolve()) for name, path in places.items() if path is not None}
+        return {
+            **(found or {"world": WORLD if steps is None else TABLE}),
+            "table_sha256": table,
+            "columns": dict(self.columns),
+            "threshold": self.threshold,
+            "unit": self.unit,
+            "steps": steps if self.dataset is not None else None,
+        }
+
+    def made_with(self, out: Path) -> int | None:
+        """Return the number of steps of the motions in the look's own bank; None if it has none."""
+        if not (out / BANK).exists():
+            return None
+        steps = self._record(out).get("steps")
+        return steps if isinstance(steps, int) else None
+
+    def _record(self, out: Path) -> dict[str, object]:
+        record = out / RECORD
+        with raising(SpecError, f"{record} cannot be read", "; give another --out", of=(OSError, ValueError)):
+            found = parse_json(record.read_bytes())
+        frames = found.get("frames") if isinstance(found, dict) else None
+        if not isinstance(frames, dict):
+            raise SpecError(f"{record} does not say what the bank is made from; give another --out")
+        return frames
+
+    def _require_same(self, out: Path, steps: int | None) -> None:
+        before, now = self._record(out), self._said(steps)
+        if other := [name for name in now.keys() | before.keys() if before.get(name) != now.get(name)]:
+            raise SpecError(
+                f"{out} holds a bank of other pictures ({', '.join(sorted(other))}): give the same options as "
+                "before, or another --out"
+            )

@@ -1,0 +1,205 @@
+"""A look at a policy: test it on a few frames, then ask it with each channel exchanged."""
+
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from eyechart.channels import CAMERAS
+from eyechart.costs import assumed, estimate
+from eyechart.formats import FORMATS
+from eyechart.frames import open_bank
+from eyechart.importing.bank import Choices
+from eyechart.importing.lerobot import Horizon
+from eyechart.ledger import Ledger
+from eyechart.limits import RunOutcome
+from eyechart.looks.answer import Look, NextStep, PictureResult
+from eyechart.looks.reach import affordable
+from eyechart.looks.request import Bill, LookRequest, Watch, write_report
+from eyechart.manifest import LEDGER, is_run, read_manifest
+from eyechart.models import OpenedModel, open_policy
+from eyechart.models.prices import read_prices
+from eyechart.planned_run import RunAllowance
+from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, examine_policy
+from eyechart.run import spread
+from eyechart.spaces.motion import Motion
+from eyechart.studies import policy
+from eyechart.studies.policy import PolicyScore, PolicySelection
+from eyechart.studies.policy.advice import settling
+from eyechart.studies.policy.plans import PolicyRun
+from eyechart.studies.policy.scores import judge
+from eyechart.verdicts.labels import CAMERA
+from eyechart.verdicts.policy_verdict import MISFIT, PolicyVerdict
+
+_SELDOM = 1_000_000
+"""For a trial, one frame is taken per this many frames of an episode: its first one."""
+MOTION_AXES = 2
+
+SHOWN = {
+    f"T.swapped@{CAMERAS}": "another episode's pictures",
+    "T.blank": "grey pictures",
+    f"T.matched@{CAMERAS}": "others at a similar state",
+}
+"""The three pictures, by the statistic of how much a motion changes with them."""
+
+
+def steps_of(wanted: LookRequest) -> int:
+    """Return the number of steps in a policy's motions, from one answer; 1 for drawn banks.
+
+    A policy that does not answer with an array counts as one step; the doctor reports it later.
+    """
+    if wanted.pictures.dataset is None:
+        return 1
+    if (before := wanted.pictures.made_with(wanted.out)) is not None:
+        return before
+    with TemporaryDirectory() as folder:
+        bank, run = Path(folder) / "bank", Path(folder) / "run"
+        a_few = {"choices": Choices(every=_SELDOM), "ahead": Horizon(1, "delta")}
+        FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
+        held = wanted.held or open_policy(wanted.spec)
+        policy.run(policy.plan(bank, [held], run, extent=PolicySelection(1), conditions=("real",)))
+        with Ledger(run / LEDGER) as ledger:
+            ((_, reply),) = ledger.replies(wanted.spec)
+    try:
+        shape = Motion.read(reply.text).shape
+    except ValueError:
+        return 1
+    return shape[0] if len(shape) == MOTION_AXES else 1
+
+
+@dataclass(frozen=True)
+class PolicyLook:
+    """A look at one policy on a bank of motions; see `look`."""
+
+    wanted: LookRequest
+    bank: Path
+    watch: Watch
+
+    def look(self) -> Look:
+        """Test the policy, ask it, and return the answer."""
+        planned = self._sized()
+        calls, finished, _ = planned.counts()
+        begun = is_run(self.wanted.run)
+        mode, basis = assumed(self._opened.mode)
+        expected = estimate(mode, calls - finished + MOST_CALLS * (not begun), read_prices(), concurrency=1)
+        self.watch.agree(Bill(self._opened.mode, expected, basis))
+        if not begun and (amiss := self._amiss()) is not None:
+            return amiss
+        outcome = planned.make(RunAllowance(read_prices(), max_calls=self.wanted.budget, concurrency=1), self.watch.bar)
+        return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
+
+    @cached_property
+    def _opened(self) -> OpenedModel:
+        return self.wanted.held or open_policy(self.wanted.spec)
+
+    def _sized(self) -> PolicyRun:
+        """Return the plan on all frames, or on as many as the budget allows a sampling policy."""
+        wanted = self.wanted
+        limit = read_manifest(wanted.run).limit if is_run(wanted.run) else None
+        planned = self._plan(limit)
+        frames = len(planned.plan.bank.frames)
+        if is_run(wanted.run):
+            self.watch.say(*wanted.begun(len(planned.plan.frames), frames))
+        if is_run(wanted.run) or wanted.budget is None:
+            return planned
+        some = affordable(frames, partial(_most, planned), wanted.budget - MOST_CALLS)
+        if some == frames:
+            return planned
+        self.watch.say(
+            f"asked about {some} of {frames} frames: fewer episodes give wider intervals, and may leave it undecided"
+        )
+        return self._plan(some)
+
+    def _plan(self, limit: int | None) -> PolicyRun:
+        wanted = self.wanted
+        return policy.plan(self.bank, [self._opened], wanted.run, seed=wanted.seed, extent=PolicySelection(limit))
+
+    def _amiss(self) -> Look | None:
+        """Return an early answer if no motion comes back; print every other fault."""
+        with self.watch.bar("doctor", "calls") as move:
+            found = examine_policy(self._opened, open_bank(self.bank), tell=lambda at: move(at, MOST_CALLS))
+        wrong = [one for one in found.findings if one.fine is False]
+        self.watch.say(*(f"wrong: {one.name}: {one.says}" for one in wrong))
+        without = next((one for one in wrong if one.name == "motions"), None)
+        return None if without is None else self._unasked(found, without.says)
+
+    def _unasked(self, found: PolicyDiagnosis, why: str) -> Look:
+        wanted = self.wanted
+        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(self.bank)])
+        steps = (NextStep("see every check", doctor), NextStep("look again after the repair", wanted.command()))
+        because = f"It does not answer as a policy on this bank: {why}."
+        return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
+
+    def _answered(self, planned: PolicyRun, outcome: RunOutcome, *, asked: bool) -> Look:
+        wanted, spec = self.wanted, self.wanted.spec
+        scored = policy.score(wanted.run)
+        verdict = judge(scored)[spec]
+        calls, finished, _ = planned.counts()
+        stopped = outcome.stopped or outcome.set_aside.get(spec, "")
+        because = _because(verdict)
+        if calls > finished:
+            because = f"The run is not finished: {stopped or f'{finished} of {calls} calls'}."
+        answer = "Inconclusive" if verdict.guards or calls > finished else verdict.answer
+        write_report(wanted, self.bank, self.watch, asked=asked)
+        return Look(
+            spec,
+            answer,
+            because,
+            tuple(_holes(verdict)),
+            verdict.camera.label,
+            tuple(_pictures(scored, spec)),
+            f"a mean of {len(planned.plan.frames)} frames",
+            tuple(_steps(self, scored, answer, left=calls > finished)),
+            wanted.report,
+            wanted.run,
+            finished,
+        )
+
+
+def _most(planned: PolicyRun, frames: int) -> int:
+    """Return the number of calls on ``frames`` frames for a policy that samples its answers."""
+    some = spread(planned.plan.bank.frames, frames)
+    plan = replace(planned.plan, frames=some, drawn=frozenset(planned.plan.models))
+    return sum(1 for _ in plan.keys_of(planned.plan.models[0]))
+
+
+def _because(verdict: PolicyVerdict) -> str:
+    """Return in words what decided or which guard failed, with a warning of a large error."""
+    if verdict.guards:
+        return verdict.because
+    said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"
+    if verdict.misfit is not None and verdict.misfit >= MISFIT:
+        said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than was logged."
+    return said
+
+
+def _holes(verdict: PolicyVerdict) -> Iterator[str]:
+    """Yield the cameras that do not matter although others do."""
+    if not verdict.guards and verdict.answer in {"Yes", "In part"}:
+        ignored = [name for name, one in verdict.cameras.items() if one.label == "ignores_camera"]
+        yield from (f"Not by the {name} camera: another episode's pictures would do." for name in ignored)
+
+
+def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
+    found = scored.models[spec].statistics
+    for name, words in SHOWN.items():
+        if (one := found.get(name)) is not None:
+            yield PictureResult(words, change=one.value, ci=one.ci, n=one.n)
+
+
+def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -> Iterator[NextStep]:
+    wanted, run = asked.wanted, shlex.quote(str(asked.wanted.run))
+    if left:
+        yield NextStep("continue where it stopped", wanted.command())
+        return
+    if answer == "Yes":
+        yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
+    elif answer == "Inconclusive":
+        settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
+        yield NextStep(f"to settle it: {settle.do}", plan)
+    else:
+        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(asked.bank)])
+        yield NextStep("see whether its pictures reach it", doctor)
+    yield NextStep("what it does with its state and its instruction", f"eyechart verdict {run}")

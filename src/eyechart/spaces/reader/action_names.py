@@ -1,0 +1,228 @@
+"""The names of actions in words: folded characters, separators, and mentions."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+from eyechart.spaces.reader import marks, quantities
+from eyechart.spaces.reader.marks import LETTERS as _WORD
+from eyechart.spaces.reader.marks import Mention
+
+_QUOTES = dict.fromkeys(map(ord, "“”„‟«»‹›「」『』〝〞"), ' " ') | dict.fromkeys(map(ord, "’‘‛´"), "'")
+_SIGNS = {ord("。"): ". ", ord("、"): ", ", ord("…"): "... ", ord("—"): " - ", ord("–"): " - ", ord("−"): "-"}
+_ARROWS = dict.fromkeys(map(ord, "→⇒➔➜➡⟶"), " -> ")
+_UNSEEN = dict.fromkeys(
+    [*range(0x200B, 0x2010), *range(0x202A, 0x202F), *range(0x2060, 0x2070), 0xFEFF, 0xFE0F, 0xAD, 0x1A, 0x0], ""
+)
+_WIDE = {ord("！") + at: chr(ord("!") + at) + (" " if chr(ord("!") + at) in "!,.:;?" else "") for at in range(94)}
+_FOLDED = _QUOTES | _SIGNS | _ARROWS | _UNSEEN | _WIDE | dict.fromkeys(map(ord, "*`_"), " ")
+
+_STRUCK = re.compile(r"~~[^~]{0,200}~~")
+_IDEOGRAPH = "\u3400-\u9fff"
+_ENDINGS = "ly|wards?|p?p?ing|t?ting"
+"""English forms of a name with the same meaning: slowly, leftward, stopping."""
+_NAME_AT_MOST = 1000
+_LETTERS = re.compile(r"\W*([^\W\d](?:[ .-][^\W\d]){1,30})\W*")
+_MINUS = re.compile(r"(?<![\w)\]°º˚%])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
+"""A dash directly before a number, and after no word, is its sign."""
+
+
+def fold(text: str) -> str:
+    """Return a text with plain quotes, dashes and arrows, and full-width forms made plain.
+
+    Emphasis, struck-out text and invisible characters are removed. Letters keep their case.
+    """
+    return _STRUCK.sub(" ", _MINUS.sub("-", text).translate(_FOLDED))
+
+
+_BOUND = re.compile(r"\W*!\s?\w[^!]*\Z|(?![\s\"'(]*[-=]+>)[^\w]{0,20}(?:[-+≤≥≠≈~±]|[<>!]=?)[^\w]{0,20}\d")
+"""A number after two signs or a bound, "- -2" or "> 3", is another; "!" negates what follows."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActionNames:
+    """The names of a space's actions and aliases, as written form and action.
+
+    ``sided`` says that numbers exchange with their opposites under reflection.
+    """
+
+    spelled: tuple[tuple[str, str], ...]
+    sided: bool = False
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Return the actions under their own names, without aliases."""
+        return tuple(action for written, action in self.spelled if written == action)
+
+    def action(self, text: str) -> str | None:
+        """Return the action that a text names, whatever its case, signs and separators."""
+        if _BOUND.match(text) and marks.split_number(text) is None:
+            return None
+        return _table(self).get(spelled(text)) or _loose(self).get(_loosely(text))
+
+    @property
+    def quantity(self) -> quantities.Quantity:
+        """Return what the numbers among the names measure."""
+        return _quantity(self)
+
+    @property
+    def letters(self) -> bool:
+        """Return whether a name is a single letter."""
+        return bool(_marks(self).letters)
+
+    def in_digits(self, text: str) -> str:
+        """Return a text with digits for number words that are a choice, if names are numbers."""
+        return quantities.in_digits(text, self.quantity.units) if _marks(self).numbers else text
+
+    def whole(self, text: str) -> str | None:
+        """Return the action if a text is only its name, even with spaced letters."""
+        if len(text) > _NAME_AT_MOST:
+            return None
+        if (found := self.action(text)) is not None:
+            return found
+        if _marks(self).numbers and (number := quantities.number_in_words(text.strip(" \n\t.!\"'()"))) is not None:
+            return self.action(number)
+        spaced = _LETTERS.fullmatch(text)
+        return None if spaced is None else self.action(re.sub(r"[ .-]", "", spaced.group(1)))
+
+    def mentions(self, text: str) -> Iterator[Mention]:
+        """Yield the mentions of actions in a folded text; at one place the longest."""
+        found = [*self._worded(text), *marks.mentions(text, _marks(self))]
+        if len(found) > 1:
+            found.sort(key=lambda one: (one.start, -one.end))
+        done = 0
+        for one in found:
+            if one.start >= done:
+                yield one
+                done = one.end
+
+    def _worded(self, text: str) -> Iterator[Mention]:
+        """Yield the mentions of actions by words in a folded text."""
+        for match in _pattern(self).finditer(text):
+            # None: a case-insensitive pattern takes "İ" for "I", but upper() does not.
+            action, ending = self.action(match.group()), match.group("ending") or ""
+            if action is None and ending:
+                action = self.action(match.group()[: -len(ending)])
+            if action is not None:
+                derived = ending.lower().endswith("ing") or _is_active(match.group(), action)
+                yield Mention(action, match.group(), match.start(), match.end(), derived)
+
+
+def spelled(text: str) -> str:
+    """Return the common form of a name's spellings: upper case without separators.
+
+    A leading number keeps its sign and fraction in shortest form: "+1.0" is "1".
+    """
+    if (split := marks.split_number(text)) is not None:
+        number, rest = split
+        return number + _words_of(rest)
+    return _words_of(text)
+
+
+_AROUND = ".,;:!*`\"'()[]<>{}"
+
+
+def _words_of(text: str) -> str:
+    plain = re.sub(r"[\s_-]+", "", re.sub(r"(?<=[\s_-])(?:(?:to|on|onto|into)\s+)?the\s|(?<=[\s_-])to\s", "", text))
+    plain = plain.strip(_AROUND).upper()
+    parted = "-" in text and re.fullmatch(r"[\d.]+", plain) is not None  # "-(1)" is not "1"
+    return re.sub(r"\s+", "", text).strip(_AROUND) if parted else plain
+
+
+@lru_cache(maxsize=256)
+def _table(names: ActionNames) -> dict[str, str]:
+    return {spelled(written): action for written, action in _united(names)}
+
+
+@lru_cache(maxsize=256)
+def _marks(names: ActionNames) -> marks.Marks:
+    return marks.Marks.of(_united(names))
+
+
+@lru_cache(maxsize=256)
+def _quantity(names: ActionNames) -> quantities.Quantity:
+    return quantities.quantity_of(names.spelled, sided=names.sided)
+
+
+@lru_cache(maxsize=256)
+def _united(names: ActionNames) -> tuple[tuple[str, str], ...]:
+    """Return the written names and their actions, with all spellings of numbers' units."""
+    numbers = {split[0]: action for _, action in names.spelled if (split := marks.split_number(action)) is not None}
+    return (
+        *((f"{number} {unit}", action) for number, action in numbers.items() for unit in _quantity(names).units),
+        *names.spelled,
+    )
+
+
+_SMALL_WORDS = re.compile(
+    r"(?<=[\s_-])(?:(?:to|on|onto|into|towards?|in|by)[\s_-]+(?=(?:the|your|my|an?)[\s_-]))?(?:the|your|my|an?|to)[\s_-]+"
+    r"|(?<=[\s_-])(?:onto|into|towards?)[\s_-]+|(?<=[\s_-]lane)s(?=[\s_-])",
+    re.IGNORECASE,
+)
+_FIRST_WORD = re.compile(r"[^\W\d_]{2,}(?=[\s_-])")
+
+
+def _loosely(text: str) -> str:
+    """Return the common form of a long name's variants, without small words."""
+    return _words_of(_SMALL_WORDS.sub("", text))
+
+
+def _ing(verb: str) -> str:
+    """Return the "-ing" form of an English verb: "turning", "changing", "stopping"."""
+    if verb[-1:] == "e" and verb[-2:] not in {"ee", "oe", "ye"}:
+        return f"{verb[:-1]}ing"
+    short = re.fullmatch(r"[^aeiou]*[aeiou][^aeiouwxy]", verb) is not None
+    return f"{verb}{verb[-1] * short}ing"
+
+
+def _active(written: str) -> str | None:
+    """Return a long name with its first word in "-ing"; None for one word, or without a verb."""
+    found = None if marks.is_mark(written) else _FIRST_WORD.match(written)
+    return (
+        None if found is None or not found.group().isascii() else _ing(found.group().lower()) + written[found.end() :]
+    )
+
+
+def _is_active(text: str, action: str) -> bool:
+    """Return whether a text is a name with "-ing" that the action's own name lacks."""
+    first = _FIRST_WORD.match(text)
+    return (
+        first is not None
+        and first.group().lower().endswith("ing")
+        and not action.lower().startswith(first.group().lower())
+    )
+
+
+@lru_cache(maxsize=256)
+def _loose(names: ActionNames) -> dict[str, str]:
+    """Return the actions by loose forms of their names, where only one action fits."""
+    found: dict[str, set[str]] = {}
+    for written, action in names.spelled:
+        for form in (written, _active(written)):
+            if form is not None and not marks.is_mark(form):
+                found.setdefault(_loosely(form), set()).add(action)
+    return {form: actions.pop() for form, actions in found.items() if len(actions) == 1}
+
+
+def _parts(written: str) -> list[str]:
+    """Return patterns of a name's words; "lane" inside it matches "lanes"."""
+    parts = [re.escape(part) for part in re.split(r"[\s_-]+", written) if part]
+    return [
+        f"{part}s?" if 0 < at < len(parts) - 1 and part.upper() == "LANE" else part for at, part in enumerate(parts)
+    ]
+
+
+@lru_cache(maxsize=256)
+def _pattern(names: ActionNames) -> re.Pattern[str]:
+    between = r"(?:[\s-]{1,3}(?:(?:(?:to|on|onto|into|towards?)\s)?(?:(?:the|your|my|an?)\s)?)|)"
+    worded = [written for written, _ in names.spelled if not marks.is_mark(written)]
+    worded += [active for written in worded if (active := _active(written)) is not None]
+    each = [between.join(_parts(written)) for written in sorted(worded, key=len, reverse=True)]
+    # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is part of a word.
+    before = rf"(?<![{_WORD}])(?<![{_WORD}]-)"
+    latin = [one for one in each if one[0].isascii() or re.match(rf"[{_WORD}]", one)]
+    other = [one for one in each if one not in latin]
+    kinds = [rf"{before}(?:{'|'.join(latin)})(?P<ending>{_ENDINGS})?(?!-?[{_WORD}])"] if latin else []
+    kinds += [rf"(?<![{_IDEOGRAPH}])(?:{'|'.join(other)})(?![{_IDEOGRAPH}])"] if other else []
+    return re.compile("|".join(kinds if latin else [*kinds, "(?P<ending>(?!))"]), re.IGNORECASE)

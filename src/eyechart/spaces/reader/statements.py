@@ -1,0 +1,610 @@
+"""Formal statements of a reply: JSON, tags, boxes, and lines that begin with ``action:``."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from eyechart.regexes import pattern
+from eyechart.spaces.failures import lacks_picture
+from eyechart.spaces.reader.action_names import ActionNames, fold
+from eyechart.spaces.reader.marks import SIGN_APART, is_contrary, is_mark, split_number
+from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
+
+_STATED_AT_MOST = 100
+_THOUGHT = pattern(
+    r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
+    r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)"
+    r"|function_(?:response|results?))>.*?(?:</\1>|\Z)"
+    r"|<\|channel\|>(?:analysis|commentary)\b.*?(?:<\|end\|>|(?=<\|channel\|>final)|\Z)"
+    r"|\Aanalysis(?=[A-Z]).*?(?:assistantfinal|\Z)",
+    re.DOTALL | re.IGNORECASE,
+)
+_TOKEN = pattern(
+    r"<\|[^<>|]{0,40}\|>|<(?:eos|bos|pad|unk|s|/s|end_of_turn|start_of_turn|sep|cls|im_end|im_start)>", re.IGNORECASE
+)
+_FENCE = pattern(r"```[\w-]*|\A\s*json\s+(?=\{)")
+_TAG = pattern(r"</?[a-z][^<>\n]{0,120}>", re.IGNORECASE)
+_ANSWER_TAG = pattern(
+    r"<(action|answer|final|final_answer|decision|output|response|choice|command)>(.{0,2000}?)</\1>",
+    re.DOTALL | re.IGNORECASE,
+)
+_BOX = pattern(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
+_HASHED = pattern(r"#{4}[ \t]{0,4}([^\n#]{1,80})")
+_TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\] ]")
+_INLINE = pattern(r"\$\s?([+-]?[\d.]+(?:°|\s?m/s)?)\s?\$(?!\d)")
+_CIRC = pattern(r"\s?\^\s?\{?\s?\\circ\b\s?\}?")
+
+_LABELS = (
+    r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
+    r"|move|direction|control|letter"
+    r"|aktion|antwort|entscheidung|acción|respuesta|réponse|décision|azione|risposta|ação|resposta|decisión"
+)
+_OWN = (
+    r"(?:(?:the|my|your|ego|self|own|final|next|first|best|better|chosen|selected|recommended|suggested|proposed"
+    r"|preferred"
+    r"|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new|primary|main|top"
+    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|speed|velocity|lateral"
+    r"|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action|answer|decision|tool|step"
+    r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
+)
+"""Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
+_CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
+_KEY_OF_ANSWER = rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
+_KEY = pattern(_KEY_OF_ANSWER, re.IGNORECASE)
+_COUNTS = pattern(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
+"""A key whose number counts something."""
+_ONLY_KEY = pattern(
+    r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
+    r"|class|value|text"
+    r"|content|message|final|name|shape|colou?r|side|count|number",
+    re.IGNORECASE,
+)
+"""A key that is the answer if it is the only one."""
+
+_PLAINEST = ("action", "action", "decision", "answer")
+_LOOSE = pattern(
+    rf"[{{,]\s{{0,40}}[\"']?({_OWN}(?:{_LABELS}))[\"']?\s{{0,10}}:\s{{0,10}}"
+    rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=,(?!\d)|[}}\n]))",
+    re.IGNORECASE,
+)
+_FAULT = pattern(
+    r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning|not|negated?|veto\w*|forbidden"
+    r"|prohibited|cancel\w*|(?:is_?)?(?:un|not_)(?:safe|sure|allowed|valid|feasible)",
+    re.IGNORECASE,
+)
+_ONLY_SHOWN = pattern(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
+_FINE = pattern(
+    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
+    re.IGNORECASE,
+)
+_UNLESS = pattern(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
+_CASE = pattern(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
+"""A condition under which an action holds, and its words."""
+_OTHERS = pattern(
+    r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
+    r"|last|history|past"
+    r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
+    r"|wrong|expert"
+    r"|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?"
+    r"|motorcycles?|animals?|actors|agents|neighbou?rs?|oncoming|adjacent|surround\w+)(?:$|[\W_\d])"
+    r"|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command|choice)s?\Z)(?:obstacles?|objects?|detect\w+|hazards?|traffic"
+    r"|lights?|signs?|signals?|arrows?|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
+    re.IGNORECASE,
+)
+"""Keys whose objects are about others, or are no choice."""
+_CUT_OFF = pattern(r"\{[^{}]*\Z")
+_MARKER = pattern(
+    rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
+    rf"|step \d)\s+){{0,4}}"
+    rf"(?:{_LABELS}){_CODE}[ \t\"']{{0,4}}(?:[:=>]|->|-(?![\s-]*\.?\d)|\bis\b)+[ \t]*",
+    re.IGNORECASE | re.MULTILINE,
+)
+_HEADING = pattern(
+    rf"^[^\w\n]{{0,8}}(?:(?:the|my|final|next|chosen|recommended)\s+){{0,3}}(?:{_LABELS})[ \t:=]*$",
+    re.IGNORECASE | re.MULTILINE,
+)
+_FINAL = pattern(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
+_NOTHING_SEEN = pattern(
+    r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view"
+    r"|access|process|assist"
+    r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
+    r"|photos?|frames?|that|this"
+    r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
+    rf"|{PICTURE_ASKED_FOR}",
+    re.IGNORECASE,
+)
+_NO_STATEMENT = pattern(
+    r"(?:\b(?:not|never|no|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
+    r"|instead of)\b|n't\b|e\.g)",
+    re.IGNORECASE,
+)
+_NOT_GIVEN = pattern(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
+_SAYS_SO = frozenset(["NONE", "UNKNOWN", "ABSTAIN", "UNSURE", "UNCLEAR", "NO IMAGE", "NO_IMAGE"])
+"""Actions that mean that nothing was seen."""
+_END = pattern(r"[.!?\n]\s|\n")
+_CLAUSE = pattern(r",|\bso\b|\bbut\b")
+_CONDITION = pattern(r"\bif\b|\bwould be\b")
+_SHORT_WORDS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class _Statement:
+    """A statement of an object, tag or box, with its span; ``action`` None if it is no name."""
+
+    start: int
+    end: int
+    action: str | None
+    why: str | None = None
+
+
+def _prose(text: str, names: ActionNames) -> Decision[str]:
+    """Return the decision of prose; most replies do not need it."""
+    from eyechart.spaces.reader.prose import read_prose  # noqa: PLC0415 - its patterns take a while to compile
+
+    return read_prose(text, names)
+
+
+def _takes_back(text: str, action: str, names: ActionNames) -> bool:
+    """Return whether words withdraw an action that was stated before them."""
+    from eyechart.spaces.reader.prose import takes_back  # noqa: PLC0415 - as above
+
+    return takes_back(text, action, names)
+
+
+def read_words(visible: str, names: ActionNames) -> Decision[str]:
+    """Return the decision of the words outside thinking: strict, and never guessing.
+
+    First the whole text as a name. Then the statements of JSON objects, answer tags or boxes, the
+    last line that begins with ``action:`` or similar, and prose. The first form that is present
+    decides. Different statements of one form are no decision, unless words between withdraw one. A
+    reply that first says that it sees no picture or cannot help is refused, whatever follows.
+    """
+    if (bare := names.whole(fold(visible))) is not None:
+        return Decision(bare)
+    text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
+    text = names.in_digits(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
+    found = _find(text, names)
+    if found.action is None:
+        return Decision(None, "refused") if refuses(visible) else found
+    refusal = _NOTHING_SEEN.search(text)
+    if found.action.upper() in _SAYS_SO:
+        return found
+    if refusal is not None and _prose(fold(text[: refusal.start()]), names).action != found.action:
+        return Decision(None, "refused")
+    return found
+
+
+def _find(text: str, names: ActionNames) -> Decision[str]:
+    if (bare := names.whole(fold(text))) is not None:
+        return Decision(bare)
+    for form in (_objects, _tags, _boxes, _hashes, _votes):
+        if stated := list(form(text, names)):
+            return _agreed(text, stated, names)
+    text = _FENCE.sub(" ", _without_objects(text))
+    if "{" in text and text.count('"', text.rfind("{")) % 2:
+        text = _CUT_OFF.sub(" ", text)
+    folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
+    if (marked := _marked(folded, names)) is not None:
+        return marked
+    return _prose(folded, names)
+
+
+def _kept(tag: re.Match[str], names: ActionNames) -> str:
+    """Return a tag's words if one names an action, as in ``<LEFT>``; else a space."""
+    inner = tag.group().strip("<>/ ")
+    return f"\n{inner}\n" if any(names.mentions(inner)) else " "
+
+
+def _phrase(value: str, names: ActionNames) -> Decision[str]:
+    """Return the decision of a value that should be a name: "slow down", "TURN_LEFT"."""
+    folded = fold(value)
+    if (bare := names.whole(folded)) is not None:
+        return Decision(bare)
+    found = _in_brackets(folded, names) or _prose(_chosen_side(_TEX.sub(" ", folded)), names)
+    return found if found.action or found.why != "no_action" else unparsed("unknown_action")
+
+
+def _chosen_side(value: str) -> str:
+    """Return the value of an answer; a side with a number of cars is a choice here, no state."""
+    return f"I choose {value}" if _SIDE_WITH_COUNT.match(value) else value
+
+
+_SIDE_WITH_COUNT = pattern(r"(?:left|right)[\s\"'*]*[:(=]\s*(?:no|\d+|two|three|several|many)\s+[a-z]", re.IGNORECASE)
+_BRACKETS = pattern(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
+
+
+def _in_brackets(value: str, names: ActionNames) -> Decision[str] | None:
+    """Return the mark after its meaning, "faster (3)"; None if other words are actions."""
+    found = _BRACKETS.fullmatch(value)
+    action = None if found is None else names.whole(found.group(2))
+    if found is None or action is None or not is_mark(action) or _prose(found.group(1), names).why != "no_action":
+        return None
+    if _NO_STATEMENT.search(found.group(1)) or SIGN_APART.search(value, 0, found.start(2)) or "?" in value:
+        return None
+    return Decision(action)
+
+
+def _agreed(text: str, stated: Sequence[_Statement], names: ActionNames) -> Decision[str]:
+    """Return the decision of the statements, unless the words around deny or withdraw it."""
+    known = [one for one in stated if one.action is not None][-_STATED_AT_MOST:]
+    if not known:
+        return unparsed(stated[0].why or "unknown_action")
+    last = str(known[-1].action)
+    before, after = (fold(_TAG.sub(" ", part)) for part in (text[: known[0].start], text[known[-1].end :]))
+    if _takes_back(after, last, names) or _commits_otherwise(before, last, names):
+        return unparsed("several_actions")
+    actions = {one.action for one in known if not _is_denied(text, one, names)}
+    if len(actions) == 1:
+        return Decision(actions.pop())
+    return unparsed("several_actions" if actions else "negated")
+
+
+_COMMITS = pattern(
+    r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)"
+    r"|(?:answer|choice|decision|action) is)\b[^\n]*",
+    re.IGNORECASE,
+)
+_ANEW = pattern(
+    r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore|first)\b",
+    re.IGNORECASE,
+)
+
+
+def _commits_otherwise(before: str, action: str, names: ActionNames) -> bool:
+    """Return whether the words before a statement commit to another action without weighing it."""
+    found = _last(_COMMITS, before)
+    return bool(found) and not _ANEW.search(before, found[0].start()) and _takes_back(found[-1].group(), action, names)
+
+
+def _is_denied(text: str, one: _Statement, names: ActionNames) -> bool:
+    """Return whether the words around a statement deny it or make it conditional."""
+    before = _FENCE.sub("", text[max(0, one.start - 120) : one.start])
+    left = _END.split(before.rstrip() if before.rstrip().endswith(":") else before)[-1]
+    right = _END.split(text[one.end : one.end + 80].partition("{")[0])[0]
+    if _NO_STATEMENT.search(_CLAUSE.split(left)[-1]) or _NOT_GIVEN.match(right):
+        return True
+    around = fold(f"{left} {one.action} {right}")
+    found = _prose(around, names)
+    return found.action is None and (found.why == "negated" or _CONDITION.search(around) is not None)
+
+
+# JSON
+
+
+def _objects(text: str, names: ActionNames) -> Iterator[_Statement]:
+    """Yield the statements of JSON objects, or of keys and commas if no object is whole."""
+    whole = False
+    for start, end, value in json_objects(text, _Pairs):
+        whole = whole or bool(value)
+        for action, why in _stated_in(value, names):
+            yield _Statement(start, end, action, why)
+    if whole:
+        return
+    for match in _LOOSE.finditer(text):
+        found_here = _phrase(next(filter(None, match.groups()[1:]), ""), names)
+        yield _Statement(match.start(), match.end(), found_here.action, found_here.why)
+
+
+_ANSWER, _OWN_THING, _OTHER_THING = range(3)
+"""The container of an object.
+
+It is an answer; or the own motion or an envelope, where a side is set and a speed is measured; or
+another thing, where both describe that thing.
+"""
+
+
+class _Pairs(list[tuple[str, object]]):
+    """An object's keys and values in order, so that no repeated key is lost."""
+
+
+def _stated_in(value: object, names: ActionNames, *, within: int = _ANSWER) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions that a JSON value states, or None and why one is no name.
+
+    The container ``within`` decides whether a side, a speed or an angle is the answer.
+    """
+    if isinstance(value, list) and not isinstance(value, _Pairs):
+        for inner in value:
+            yield from _stated_in(inner, names, within=within)
+        return
+    if not isinstance(value, _Pairs):
+        return
+    if _at_fault(value) or lacks_picture(value) or _is_contrary(value, names) or _has_other_unit(value, names):
+        yield None, "negated"
+    elif (named := _flagged(value, names) or _called(value, names)) is not None:
+        yield named, None
+    elif (key := _answer_key(value, names, within=within)) is not None:
+        for name, inner in value:
+            if name == key or _is_another(name, inner, names):
+                yield from _values(None if _is_count(name, inner) else inner, names)
+    else:
+        for name, inner in ((name, _given(name, inner)) for name, inner in value if not _OTHERS.search(name)):
+            within_it = max(within, _thing(name, alone=len(value) == 1))
+            yield from _stated_under(name, inner, names, within=within, inside=within_it)
+
+
+def _stated_under(
+    key: str, value: object, names: ActionNames, *, within: int, inside: int
+) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions in the value of a key that is no answer's, or that contains the answer."""
+    if (_KEY.fullmatch(key) or (names.quantity.is_key(key) and not within)) and _is_listed(value, names):
+        return _named_in(value, names)
+    return _stated_in(value, names, within=inside)
+
+
+def _thing(key: str, *, alone: bool) -> int:
+    """Return what an object under a key is about: an answer, the own thing, or another."""
+    if _HOLDS.fullmatch(key):
+        return _ANSWER
+    return _OWN_THING if _MOVES.fullmatch(key) or (alone and not _SEEN.search(key)) else _OTHER_THING
+
+
+_HOLDS = pattern(
+    rf"{_KEY_OF_ANSWER}|arguments|parameters|params|input|controls?|(?:\w+_)?plan|final|next"
+    r"|navigation|steering|step\w*",
+    re.IGNORECASE,
+)
+"""Keys whose objects are about the action."""
+_MOVES = pattern(
+    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn|turning|steer|heading"
+    r"|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route|recommendations?"
+    r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content|message)",
+    re.IGNORECASE,
+)
+"""Keys whose objects are about the own motion or self, or that only wrap another object."""
+_SEEN = pattern(
+    r"percept|percei|scene|observ|environment|context|image|picture|frame|situation|leader|world", re.IGNORECASE
+)
+"""Keys whose objects are about things seen."""
+_LISTED = pattern(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
+
+
+def _is_listed(value: object, names: ActionNames) -> bool:
+    """Return whether an answer is an option of a list: ``{"id": 3, "name": "faster"}``."""
+    if not isinstance(value, _Pairs) or _answer_key(value, names) is not None:
+        return False
+    return any(_LISTED.fullmatch(key) for key, _ in value) or {key for key, _ in value} == {"value", "unit"}
+
+
+def _named_in(value: object, names: ActionNames) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the actions of an option's number, letter or name."""
+    for key, inner in value if isinstance(value, _Pairs) else ():
+        if _LISTED.fullmatch(key) or key == "value":
+            number = isinstance(inner, int | float) and not isinstance(inner, bool)
+            action = (
+                names.whole(fold(inner)) if isinstance(inner, str) else names.action(f"{inner}") if number else None
+            )
+            yield action, None if action is not None else "unknown_action"
+
+
+def _at_fault(value: _Pairs) -> bool:
+    """Return whether an object reports an error of its own, or a refusal."""
+    return any(
+        (isinstance(inner, str) and _ONLY_SHOWN.search(inner))
+        or (_FAULT.fullmatch(key) and inner not in (None, False, "", 0, "none", "None", "null"))
+        or (_FINE.fullmatch(key) and (inner is False or str(inner).lower() in {"no", "false"}))
+        or (_UNLESS.fullmatch(key) and isinstance(inner, str) and _CASE.search(f"{key} {inner}".replace("_", " ")))
+        or (key.lower() in {"status", "state", "outcome"} and isinstance(inner, str) and _FAULT.fullmatch(inner))
+        for key, inner in value
+    )
+
+
+_SIDE = pattern(r"(?:steer(?:ing)?_|turn_)?(?:dir(?:ection)?|side|turn)", re.IGNORECASE)
+_SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
+
+
+def _is_contrary(value: _Pairs, names: ActionNames) -> bool:
+    """Return whether an object gives an action and, under another key, the opposite side."""
+    sides = {_SIDES[said] for key, inner in value if _SIDE.fullmatch(key) and (said := str(inner).lower()) in _SIDES}
+    keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
+    return any(_is_of_other_side(action, side, names) for action in keyed if action is not None for side in sides)
+
+
+def _is_of_other_side(action: str, side: str, names: ActionNames) -> bool:
+    """Return whether an action's sign or words name another side."""
+    if split_number(action) is not None:
+        return any(name.startswith("-") for name in names.actions) and is_contrary(action, side)
+    words = {word for word in re.split(r"[\W_]+", action.lower()) if word in {"left", "right"}}
+    return bool(words) and side not in words
+
+
+def _has_other_unit(value: _Pairs, names: ActionNames) -> bool:
+    """Return whether an object has another unit than the space's, as {"unit": "km/h"}."""
+    units = {one.upper() for one in names.quantity.units}
+    said = [inner for key, inner in value if key.lower() in {"unit", "units"} and isinstance(inner, str)]
+    return bool(units) and any(one.strip().upper() not in units for one in said)
+
+
+def _given(key: str, value: object) -> object:
+    """Return a value; a tool call's arguments may be JSON inside a string."""
+    if key != "arguments" or not isinstance(value, str):
+        return value
+    return next((inner for _, _, inner in json_objects(value, _Pairs)), None)
+
+
+_ANOTHER = pattern(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
+_CORRECTION = pattern(
+    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new)(?:_(?:action|answer|choice|decision|to))?",
+    re.IGNORECASE,
+)
+
+
+def _is_another(key: str, value: object, names: ActionNames) -> bool:
+    """Return whether a key is an answer's too, as ``final_action``, with a name as its value."""
+    if not _CORRECTION.fullmatch(key) and (_ANOTHER.fullmatch(key) is None or _KEY.fullmatch(key) is None):
+        return False
+    return names.whole(fold(value)) is not None if isinstance(value, str) else _counted(value, names).action is not None
+
+
+def _answer_key(value: _Pairs, names: ActionNames, *, within: int = _ANSWER) -> str | None:
+    """Return the key that holds the answer, the plainest of several; None if it is further inside.
+
+    A side or a direction ``within`` an object about another thing belongs to that thing.
+    """
+    known = [key for key, _ in value if _KEY.fullmatch(key) and not (within == _OTHER_THING and _SIDE.fullmatch(key))]
+    if not within and all(_SIDE.fullmatch(key) for key in known):
+        known = [key for key, _ in value if names.quantity.is_key(key)] or known
+    if not known and len(value) == 1 and _ONLY_KEY.fullmatch(value[0][0]):
+        known = [value[0][0]]
+    if not known:
+        return None
+    key = min(known, key=_rank)
+    further = all(isinstance(inner, _Pairs) and not _is_name(inner) for name, inner in value if name == key)
+    return None if further else key
+
+
+def _rank(key: str) -> int:
+    plain = key.lower()
+    return _PLAINEST.index(plain) if plain in _PLAINEST else 1 if plain.endswith("action") else len(_PLAINEST)
+
+
+def _is_name(value: _Pairs) -> bool:
+    """Return whether an object is one text under another key, as ``{"name": "LEFT"}``."""
+    return len(value) == 1 and isinstance(value[0][1], str) and not _KEY.fullmatch(value[0][0])
+
+
+def _values(value: object, names: ActionNames) -> Iterator[tuple[str | None, str | None]]:
+    """Yield the statements in the value of an answer's key; a list states each of its texts."""
+    if isinstance(value, _Pairs):
+        value = [inner for _, inner in value]
+    elif not isinstance(value, list):
+        value = [value]
+    for inner in value or [None]:
+        if isinstance(inner, _Pairs):
+            yield from _stated_in(inner, names)
+            continue
+        found = _phrase(inner, names) if isinstance(inner, str) else _counted(inner, names)
+        yield found.action, found.why
+
+
+def _is_count(key: str, value: object) -> bool:
+    """Return whether a number counts something, as under ``count``."""
+    return _COUNTS.fullmatch(key) is not None and not isinstance(value, str)
+
+
+def _counted(value: object, names: ActionNames) -> Decision[str]:
+    """Return the decision of a JSON value that is no text: a number is a name."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    action = names.action(f"{value}") if number else None
+    return Decision(action) if action is not None else unparsed("unknown_action")
+
+
+def _flagged(value: _Pairs, names: ActionNames) -> str | None:
+    """Return the one true action of an object whose keys are actions and the others false."""
+    if not value or not all(isinstance(inner, bool) and names.action(key) for key, inner in value):
+        return None
+    true = [key for key, inner in value if inner]
+    return names.action(true[0]) if len(true) == 1 else None
+
+
+def _called(value: _Pairs, names: ActionNames) -> str | None:
+    """Return the action that a tool call has as its name."""
+    given: Mapping[str, object] = dict(value)
+    name = given.get("name")
+    return names.action(name) if isinstance(name, str) and ("arguments" in given or "parameters" in given) else None
+
+
+def _without_objects(text: str) -> str:
+    """Return a text without its JSON objects, whose statements were read before."""
+    parts, done = [], 0
+    for start, end, value in json_objects(text, _Pairs):
+        if value:
+            parts.append(text[done:start])
+            done = end
+    return " ".join([*parts, text[done:]])
+
+
+# Tags, boxes and lines
+
+
+def _tags(text: str, names: ActionNames) -> Iterator[_Statement]:
+    for match in _ANSWER_TAG.finditer(text):
+        found = _phrase(match.group(2), names) if match.group(2).strip() else unparsed("no_action")
+        yield _Statement(match.start(), match.end(), found.action, found.why)
+
+
+def _boxes(text: str, names: ActionNames) -> Iterator[_Statement]:
+    for match in _BOX.finditer(text):
+        found = _phrase(_TEX.sub(" ", match.group(1)), names)
+        if found.action is not None and split_number(found.action) and _SIGNED_BOX.search(text, 0, match.start()):
+            found = unparsed("unknown_action")
+        yield _Statement(match.start(), match.end(), found.action, found.why)
+
+
+_SIGNED_BOX = pattern(r"(?<![\w)])[-\u2012-\u2015\u2212]\$?\Z")
+"""A sign before a box: its content is another number."""
+
+
+def _hashes(text: str, names: ActionNames) -> Iterator[_Statement]:
+    """Yield the text after four hashes, which end a worked answer."""
+    for match in _HASHED.finditer(text):
+        if (action := names.whole(fold(match.group(1)))) is not None:
+            yield _Statement(match.start(), match.end(), action)
+
+
+_VOTE = pattern(
+    r"^[^\w\n]{0,8}([^\n:=]{1,80}?)[ \t\"')]{0,3}[:=-][ \t]{0,3}(yes|no)[ \t.!]{0,3}$", re.IGNORECASE | re.MULTILINE
+)
+
+
+def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
+    """Yield the one action with a yes, if every action has a line with yes or no."""
+    found = [(names.whole(one.group(1)), one) for one in _VOTE.finditer(fold(text))]
+    voted = [one for action, one in found if action is not None and one.group(2).lower() == "yes"]
+    if {action for action, _ in found} >= set(names.actions) and len(found) == len(names.actions) and len(voted) == 1:
+        yield _Statement(voted[0].start(), found[-1][1].end(), names.whole(voted[0].group(1)))
+
+
+def _marked(text: str, names: ActionNames) -> Decision[str] | None:
+    """Return the decision of the last line that begins with ``action:``; None without one.
+
+    An earlier line with another action is withdrawn if the last is called final, or if other words
+    are between them. Text after the line may withdraw it.
+    """
+    marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
+    marks = marks or [*names.quantity.lines(text)][-_MARKERS_AT_MOST:]
+    read = [(mark.group(), mark.start(), *_value(text, mark.end(), names)) for mark in marks]
+    said = [one for one in read if one[3].why not in {"no_action", "not_chosen"} and not _is_no_input(*one[:3], text)]
+    if not said:
+        return None
+    label, start, end, last = said[-1]
+    if last.action is None:
+        return last if last.why == "unknown_action" or len(said) == 1 else unparsed("several_actions")
+    before = text[: said[0][1]] + label
+    if _takes_back(text[end:], last.action, names) or _commits_otherwise(before, last.action, names):
+        return unparsed("several_actions")
+    differ = (one for one in said[:-1] if one[3].action not in {None, last.action})
+    if not _FINAL.search(label) and any(not re.search(r"\w", text[one[2] : start]) for one in differ):
+        return unparsed("several_actions")
+    return last
+
+
+def _is_no_input(label: str, start: int, end: int, text: str) -> bool:
+    """Return whether a line says that the action takes no input."""
+    return _INPUT.match(label) is not None and _NOTHING.fullmatch(text[start + len(label) : end]) is not None
+
+
+_INPUT = pattern(r"\W*action input\b", re.IGNORECASE)
+_NOTHING = pattern(r"[\s\"'{(\[]*(?:none|null|n/a|nothing|empty)?[\s\"'.})\]]*", re.IGNORECASE)
+_MARKERS_AT_MOST = 20
+_LINE_AT_MOST = 2000
+_ITEMS = pattern(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")
+_SAYS = pattern(r"[^\n]*\w[^\n]*")
+
+
+def _last(one: re.Pattern[str], text: str) -> list[re.Match[str]]:
+    return list(one.finditer(text))[-_MARKERS_AT_MOST:]
+
+
+def _value(text: str, start: int, names: ActionNames) -> tuple[int, Decision[str]]:
+    """Return the end of a line's rest, or of the next line with words, and its decision."""
+    found = _SAYS.search(text, start)
+    if found is None:
+        return len(text), unparsed("no_action")
+    value = found.group()[:_LINE_AT_MOST]
+    if (listed := _ITEMS.match(text, found.start())) is not None:
+        return listed.end(), _prose(listed.group()[:_LINE_AT_MOST], names)
+    if (bare := names.whole(value)) is not None:
+        return found.end(), Decision(bare)
+    read = _in_brackets(value, names) or _prose(_chosen_side(value), names)
+    short = read.why == "no_action" and 0 < len(value.split()) <= _SHORT_WORDS
+    return found.end(), unparsed("unknown_action") if short else read

@@ -1,0 +1,352 @@
+"""The statistics of the paper's battery, at response level and (``.decision``) decision level.
+
+Source: paper, section The Input-Ablation Battery; the choices that its text leaves open are in
+docs/decisions/battery.md.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.conditions import BATTERY, CONDITIONS, CONTROLS, COUNTERFACTUALS
+from eyechart.seeds import key_seed
+from eyechart.spaces.space import UNPARSED
+from eyechart.stats.agreement import clears_floor, rate, swap_test
+from eyechart.stats.association import (
+    contingency,
+    cramers_v,
+    entropy_bits,
+    entropy_of_counts,
+    information_of_tables,
+    modal_share,
+    quantile_bins,
+)
+from eyechart.stats.episodes import (
+    difference_over_episodes,
+    median_difference,
+    median_over_episodes,
+    share_over_episodes,
+)
+from eyechart.stats.jackknife import association_interval, over_tables
+from eyechart.stats.resamples import permute_mutual_information
+from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
+
+Statistics = dict[str, Statistic]
+Floats = NDArray[np.float64]
+Codes = NDArray[np.int64]
+
+ALPHA = 0.05
+"""The significance level of the paper's tests; our choice, because the paper prints none."""
+
+ONE_EPISODE = "one episode shows no spread: the interval takes its frames as independent"
+
+
+@dataclass(frozen=True, slots=True)
+class Resampling:
+    """The number of resamples, and the seed from which each test derives its own by its name.
+
+    ``intervals=False`` leaves out the intervals that no rule reads.
+    """
+
+    resamples: int = 5000
+    seed: int = 0
+    intervals: bool = True
+
+    def seed_of(self, name: str) -> int:
+        """Return the seed of the test of this name."""
+        return key_seed("score", self.seed, name)
+
+
+@dataclass(frozen=True)
+class PaperStatistics:
+    """Computes the paper's statistics of one model's answers."""
+
+    answers: Answers
+    how: Resampling
+
+    @cached_property
+    def _episodes(self) -> Codes:
+        """Return the number of each frame's episode."""
+        return np.unique(self.answers.episodes, return_inverse=True)[1].astype(np.int64)
+
+    def statistics(self) -> Statistics:
+        """Return every statistic by its name."""
+        found: Statistics = {"unparsed_rate": self._unparsed()}
+        for level, suffix in (("response", ""), ("decision", ".decision")):
+            at_level = {**self._agreements(level), **self._dependence(level), **self._gap_tests(level)}
+            found |= {f"{name}{suffix}": value for name, value in at_level.items()}
+        found["refusal_effect"] = refusal_effect(found["cramers_v"], found["cramers_v.decision"])
+        found["mirror_swap_rate"] = self.swaps()
+        found["gap_order"] = self._gap_order()
+        return found | self._diversity()
+
+    def _unparsed(self) -> Statistic:
+        asked = self.answers.decisions
+        given = [(one, self._episodes[at]) for name in BATTERY for at, one in enumerate(asked.get(name, ())) if one]
+        reasons = Counter(one.reason for one, _ in given if one.reason is not None)
+        if not given:
+            return cannot_say("no observations")
+        lost = np.array([one.missing is not None for one, _ in given], dtype=np.float64)
+        found = self._over_episodes(lost, np.array([episode for _, episode in given]))
+        return replace(found, detail={"reasons": dict(sorted(reasons.items()))})
+
+    def _agreements(self, level: str) -> Statistics:
+        differ: dict[str, tuple[Floats, Mask]] = {}
+        found: Statistics = {}
+        asked = self.answers.decisions
+        told = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
+        further = [name for name in dict.fromkeys((*CONDITIONS, *asked)) if name in asked and name not in told]
+        for name in (*BATTERY[1:], *further):
+            apart, have = self.answers.distance("real", name, level)
+            differ[name] = ((apart > 0).astype(np.float64), have)
+            found[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have)
+        found["noise_floor"] = self._share(*differ["real_repeat"])
+        found["idi"] = self._share(*differ["blank"])
+        found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"])
+        found["clears_floor"] = _clears(found["idi"], found["noise_floor"])
+        return found
+
+    def _dependence(self, level: str) -> Statistics:
+        every = {name: self.answers.symbols(name, level) for name in BATTERY}
+        pair = {name: every[name] for name in ("real", "blank")}
+        return {
+            "cramers_v": self._association(every),
+            "cramers_v_real_blank": self._association(pair),
+        }
+
+    def _association(self, columns: dict[str, Symbols]) -> Statistic:
+        """Return Cramér's V of condition × answer, with its interval over episodes."""
+        answer = self._coded(np.concatenate(list(columns.values())))
+        conditions = tuple(sorted(columns))
+        rows = np.repeat([conditions.index(condition) for condition in columns], len(self.answers.frames))
+        episodes = np.tile(self._episodes, len(columns))
+        have = answer.codes >= 0
+        return self._table(_CodedLabels(rows[have], conditions), answer.where(have), episodes[have])
+
+    def _coded(self, symbols: Symbols) -> "_CodedLabels":
+        """Return symbols as numbers, in sorted order of their names, -1 for ``ABSENT``."""
+        names = tuple(sorted({*self.answers.space.actions, UNPARSED}))
+        codes = np.full(len(symbols), -1, dtype=np.int64)
+        for code, name in enumerate(names):
+            codes[symbols == name] = code
+        return _CodedLabels(codes, names)
+
+    def _table(self, rows: "_CodedLabels", columns: "_CodedLabels", episodes: Codes) -> Statistic:
+        made = contingency(rows.codes, columns.codes)
+        found = cramers_v(made.table)
+        shape = made.table.shape
+        named = {"rows": rows.named(made.rows), "columns": columns.named(made.columns), "table": made.table.tolist()}
+        detail = {**(found.detail or {}), **named}
+        if found.value is None or 1 in shape or not self.how.intervals:
+            return replace(found, detail=detail)
+        _, i = np.unique(rows.codes, return_inverse=True)
+        _, j = np.unique(columns.codes, return_inverse=True)
+        interval = association_interval(_by_episode(i, j, episodes, shape), found.value)
+        return _with_interval(replace(found, detail=detail), interval)
+
+    def _gap_tests(self, level: str) -> Statistics:
+        gaps = self.answers.gaps
+        if gaps is None or self.answers.gap is None:
+            missing = cannot_say(self.answers.no_gap)
+            return {"obstacle": missing, "mutual_information": missing}
+        real = self.answers.symbols("real", level)
+        have = real != ABSENT
+        if not have.any():
+            missing = cannot_say("no answers to real pictures")
+            return {"obstacle": missing, "mutual_information": missing}
+        near = _CodedLabels((gaps[have] < self.answers.gap.threshold).astype(np.int64), ("far", "near"))
+        answer = self._coded(real[have])
+        obstacle = self._table(answer, near, self._episodes[have])
+        return {"obstacle": obstacle, "mutual_information": self._information(answer, gaps[have], have, level)}
+
+    def _information(self, real: "_CodedLabels", gaps: Floats, have: Mask, level: str) -> Statistic:
+        bins = quantile_bins(gaps)
+        made = contingency(real.codes, bins.codes)
+        name = f"mutual_information.{level}"
+        found = permute_mutual_information(made.table, seed=self.how.seed_of(name), resamples=self.how.resamples)
+        n, occupied = found.n, (np.count_nonzero(made.table.sum(axis=1)), np.count_nonzero(made.table.sum(axis=0)))
+        bias = (occupied[0] - 1) * (occupied[1] - 1) / (2 * n * math.log(2))
+        detail = {
+            "bin_sizes": bins.sizes,
+            "edges": bins.edges,
+            "ceiling": min(entropy_bits(real.codes).value or 0.0, entropy_bits(bins.codes).value or 0.0),
+            "miller_madow": (found.value or 0.0) - bias,
+            "rows": real.named(made.rows),
+            "table": made.table.tolist(),
+        }
+        found = replace(found, detail=detail)
+        if not self.how.intervals or found.value is None:
+            return found
+        shape = len(real.names), len(bins.sizes)
+        counts = _by_episode(real.codes, bins.codes, self._episodes[have], shape).transpose(0, 2, 1)
+        return _with_interval(found, over_tables(counts, information_of_tables, math.log2(max(2, min(shape)))))
+
+    def swaps(self) -> Statistic:
+        """Return how often reflection exchanges directions, with the test against chance."""
+        partner = self.answers.partners
+        if not partner:
+            return cannot_say("no action of this space exchanges under reflection")
+        if all(frame.mirror_axis == "none" for frame in self.answers.frames):
+            return cannot_say("no frame of the bank has a mirror axis")
+        real, mirrored = self.answers.actions("real"), self.answers.responses("mirrored")
+        have = (real != ABSENT) & (mirrored != ABSENT)
+        if not have.any():
+            return cannot_say("no frame has an answer both to its real and to its mirrored picture")
+        seed = self.how.seed_of("mirror_swap_rate")
+        found = swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
+        turns = np.isin(real[have], list(partner))
+        if found.value is None:
+            return found
+        swapped = np.array([partner[str(one)] for one in real[have][turns]]) == mirrored[have][turns]
+        share = self._over_episodes(swapped.astype(np.float64), self._episodes[have][turns], always=True)
+        method = f"{share.method}; {found.tested}"
+        return replace(found, ci=share.ci, method=method, note=found.note or share.note)
+
+    def _gap_order(self) -> Statistic:
+        gaps, gap, space = self.answers.gaps, self.answers.gap, self.answers.space
+        if gaps is None or gap is None:
+            return cannot_say(self.answers.no_gap)
+        real = self.answers.actions("real")
+        finite = gaps[np.isfinite(gaps)]
+        capped = np.where(np.isfinite(gaps), gaps, finite.max() if finite.size else 0.0)
+        role = np.array([ABSENT if action == ABSENT else space.role(action) for action in real])
+        medians = {str(action): float(np.median(capped[real == action])) for action in np.unique(real[real != ABSENT])}
+        detail: dict[str, object] = {"median_by_action": medians, "no_lead_counts_as": "the farthest gap"}
+        n = int(np.count_nonzero(role != ABSENT))
+        if not ((role == "brake").any() and (role == "proceed").any()):
+            why = "the model never brakes or never proceeds"
+            return replace(cannot_say(why, n, "median gap, proceed minus brake"), detail=detail)
+        ends = [self._median(capped, role == one) for one in ("proceed", "brake")]
+        found = median_difference(*ends)
+        method = f"median gap, proceed minus brake; {found.method}"
+        return replace(found, n=n, method=method, detail=detail, unit=gap.unit)
+
+    def _median(self, values: Floats, of: Mask) -> Statistic:
+        if not self.how.intervals:
+            return Statistic(float(np.median(values[of])), int(of.sum()), method="no interval computed")
+        return median_over_episodes(values[of], self._episodes[of])
+
+    def _diversity(self) -> Statistics:
+        real = self.answers.actions("real")
+        have = real != ABSENT
+        found = {"modal_share": modal_share(real[have]), "entropy": entropy_bits(real[have])}
+        answer = self._coded(real)
+        if not have.any():
+            return found
+        counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
+        common, mode = found["modal_share"], max(counts, key=lambda label: counts[label])
+        often = self._over_episodes((real[have] == mode).astype(np.float64), self._episodes[have])
+        method, detail = f"{common.method}; {often.method}", {**(common.detail or {}), "counts": counts}
+        found["modal_share"] = replace(common, ci=often.ci, method=method, note=often.note, detail=detail)
+        if self.how.intervals:
+            shape, nothing = (1, len(answer.names)), np.zeros(int(have.sum()), dtype=np.int64)
+            tables = _by_episode(nothing, answer.codes[have], self._episodes[have], shape)
+            interval = over_tables(tables, lambda each: entropy_of_counts(each[:, 0]), math.log2(shape[1]))
+            found["entropy"] = _with_interval(found["entropy"], interval)
+        return found
+
+    def _share(self, hits: Floats, have: Mask) -> Statistic:
+        if not have.any():
+            return cannot_say("no frame has both answers")
+        return self._over_episodes(hits, self._episodes[have])
+
+    def _over_episodes(self, hits: Floats, episodes: Codes, *, always: bool = False) -> Statistic:
+        """Return a share of frames with its interval over episodes.
+
+        One episode gives an interval over frames, with a note. ``always`` computes the interval
+        even without ``intervals``, because a rule reads it.
+        """
+        k, n = int(hits.sum()), len(hits)
+        sums = _sums_by_episode(np.column_stack([hits, np.ones(n)]), episodes)
+        detail = {"k": k, "episodes": len(sums)}
+        if not (self.how.intervals or always):
+            return replace(rate(k, n), detail=detail)
+        found = share_over_episodes(sums[:, 0], sums[:, 1])
+        if found.ci is None:
+            return replace(rate(k, n), note=ONE_EPISODE, detail=detail)
+        return found
+
+    def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask) -> Statistic:
+        if not have_one.any() or not have_other.any():
+            return cannot_say("no frame has both answers")
+        if not self.how.intervals:
+            return Statistic(float(one.mean() - other.mean()), len(one), method="no interval computed")
+        columns = np.zeros((len(have_one), 4))
+        columns[have_one, 0], columns[:, 1] = one, have_one
+        columns[have_other, 2], columns[:, 3] = other, have_other
+        sums = _sums_by_episode(columns, self._episodes)
+        return difference_over_episodes((sums[:, 0], sums[:, 1]), (sums[:, 2], sums[:, 3]))
+
+
+def median_gaps(answers: Answers) -> Statistics:
+    """Return the median true gap of each action on real frames, with its interval over episodes.
+
+    Empty without gaps. A frame without a lead counts as the farthest. Source: paper, Table
+    t:qwenorder.
+    """
+    if answers.gaps is None or answers.gap is None:
+        return {}
+    finite = answers.gaps[np.isfinite(answers.gaps)]
+    capped = np.where(np.isfinite(answers.gaps), answers.gaps, finite.max() if finite.size else 0.0)
+    real, found = answers.actions("real"), {}
+    for action in map(str, np.unique(real[real != ABSENT])):
+        mine = real == action
+        found[action] = replace(median_over_episodes(capped[mine], answers.episodes[mine]), unit=answers.gap.unit)
+    return found
+
+
+class _CodedLabels(NamedTuple):
+    """Labels as numbers, with the name of each number."""
+
+    codes: Codes
+    names: tuple[str, ...]
+
+    def where(self, have: Mask) -> "_CodedLabels":
+        """Return the labels of some frames."""
+        return _CodedLabels(self.codes[have], self.names)
+
+    def named(self, codes: Sequence[str | int]) -> tuple[str, ...]:
+        """Return the names of some numbers."""
+        return tuple(self.names[int(code)] for code in codes)
+
+
+def refusal_effect(response: Statistic, decision: Statistic) -> Statistic:
+    """Return 1 where answers depend on the condition only at response level (refusal), else 0."""
+    method = "significant at response level and not at decision level (alpha .05)"
+    if response.p is None or decision.p is None:
+        return cannot_say("one of the two tests could not be made", response.n, method)
+    return Statistic(float(response.p < ALPHA <= decision.p), response.n, method=method)
+
+
+def _clears(idi: Statistic, floor: Statistic) -> Statistic:
+    method = "1 where IDI > 1.5 s, strictly"
+    if idi.value is None or floor.value is None:
+        return cannot_say("IDI or the noise floor could not be measured", method=method)
+    return Statistic(float(clears_floor(idi.value, floor.value)), idi.n, method=method)
+
+
+def _with_interval(found: Statistic, interval: Statistic) -> Statistic:
+    """Return a statistic with another one's interval, or with the reason that there is none."""
+    method = f"{found.method}; {interval.method}"
+    return replace(found, ci=interval.ci, method=method, note=found.note or interval.note)
+
+
+def _sums_by_episode(columns: Floats, episodes: Codes) -> Floats:
+    """Return the sums of each episode that occurs, shape (episodes, columns)."""
+    _, codes = np.unique(episodes, return_inverse=True)
+    return np.stack([np.bincount(codes, weights=column) for column in columns.T], axis=1)
+
+
+def _by_episode(rows: Codes, columns: Codes, episodes: Codes, shape: tuple[int, int]) -> Floats:
+    """Return the table of counts of each episode that occurs, shape (episodes, *shape)."""
+    _, e = np.unique(episodes, return_inverse=True)
+    cells = shape[0] * shape[1]
+    flat = np.bincount(e * cells + rows * shape[1] + columns, minlength=(int(e.max()) + 1) * cells)
+    return flat.reshape(-1, *shape).astype(np.float64)

@@ -1,0 +1,385 @@
+"""Scores a run: ledger and bank to decisions to statistics; only reads, same bytes every time."""
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from eyechart.conditions import CONTROLS, OF_BANKS, available
+from eyechart.costs import ALL, Account, Book
+from eyechart.errors import LedgerError, SpecError, counted
+from eyechart.frames import FrameBank
+from eyechart.integrity import Guard, GuardChecks, RequestChecks
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.models.prices import Prices, read_prices
+from eyechart.modes import made_elsewhere
+from eyechart.records import KeyedRecord
+from eyechart.run import Plan
+from eyechart.spaces.reader import READERS
+from eyechart.stats.resamples import holm
+from eyechart.stats.statistic import ModelStatistics, Statistic
+from eyechart.studies.battery.answers import Answers, read_answers
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests
+from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
+from eyechart.studies.battery.depth import NAMES
+from eyechart.studies.battery.early_stop import EarlyStop, StoppingState
+from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
+from eyechart.studies.battery.plans import STUDY, plan_of
+from eyechart.studies.battery.requests import require_requests
+from eyechart.studies.battery.stages import ControlProgress, asked_of_model, staged, stages_of, supplied, widest
+from eyechart.verdicts import Evidence, StoppingPoint
+
+READ = (*DEPTH_TESTS, *NAMES, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
+"""The tests that ``depth`` and its turns rest on."""
+
+CallAccounts = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
+"""By model: accounts by condition, and guards."""
+
+HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mutual_information.decision")
+"""The tests whose p is corrected over the models of a run (Holm 1979)."""
+
+
+@dataclass(frozen=True)
+class ModelScore(KeyedRecord):
+    """One model's decisions and statistics. ``holm`` maps a test to its p over the run's models.
+
+    ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped``
+    says where the run settled its verdict early. Then ``answers`` and ``answered`` hold the calls
+    that count, and ``statistics`` their e-values. Other statistics keep only their value, because p
+    and interval hold only at a fixed sample size. ``controls`` are the model's control conditions;
+    those of an unfinished stage are in no statistic.
+    """
+
+    written = "version planned answered stopped controls.controls statistics holm"
+
+    model: str
+    version: str
+    planned: int
+    answered: int
+    answers: Answers
+    statistics: Mapping[str, Statistic]
+    holm: Mapping[str, float | None]
+    stopped: StoppingPoint | None = None
+    controls: ControlProgress = field(default_factory=ControlProgress)
+
+
+M = TypeVar("M")
+"""A study's score of one model's calls."""
+
+
+@dataclass(frozen=True)
+class CallsScore(ABC, Generic[M]):
+    """The scores of a run's calls about a bank's frames, and apart from them the costs.
+
+    Two runs with equal answers may differ only in ``accounting`` and ``guards`` (timing, attempts).
+    """
+
+    manifest: RunManifest
+    bank: FrameBank
+    models: Mapping[str, M]
+    accounting: Mapping[str, Mapping[str, Account]]
+    guards: Mapping[str, tuple[Guard, ...]]
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Return the conditions of any model."""
+        return self.manifest.conditions
+
+    def marks(self, spec: str) -> list[str]:
+        """Return the failed guards of a model in words."""
+        return [f"guard '{one.name}' fails: {one.because}" for one in self.guards[spec] if one.holds is False]
+
+    @abstractmethod
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what the rules judge of every model."""
+
+
+@dataclass(frozen=True)
+class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
+    """The scores of one battery, and apart from them the costs of its calls."""
+
+    written = (
+        "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.seed "
+        "manifest.stop_early manifest.controls bank.manifest.action_space.reader independent models accounting guards"
+    )
+
+    independent: bool = False
+    """Whether the user or the bank declared that frames without episodes are independent draws."""
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Return the conditions of any model, controls last."""
+        asked = {name for model in self.models.values() for name in model.controls.controls}
+        return (*self.manifest.conditions, *(name for name in CONTROLS if name in asked))
+
+    def __repr__(self) -> str:
+        return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
+
+    def evidence(self) -> dict[str, Evidence]:
+        """Return what the rules judge of every model."""
+        absent = tuple(name for name in OF_BANKS if not any(available(name, frame) for frame in self.bank))
+        part = self.manifest.shard is not None and self.manifest.controls == "auto"
+        return {
+            spec: Evidence(
+                model=spec,
+                statistics=model.statistics,
+                planned=model.planned,
+                answered=model.answered,
+                replies=model.answers.counts(),
+                guards=self.guards.get(spec, ()),
+                holm=model.holm,
+                directions=model.answers.directions(),
+                gap=model.answers.gap is not None,
+                scenarios=len({frame.scenario for frame in model.answers.frames}),
+                max_tokens=0 if made_elsewhere(spec) else self.manifest.mode(spec).max_tokens,
+                scope=self.scope(model),
+                stopped=model.stopped,
+                absent=absent,
+                part=part and any(name not in absent for name in CONTROLS),
+                bank=self.manifest.bank_path,
+            )
+            for spec, model in self.models.items()
+        }
+
+    def measured(self) -> tuple[ModelStatistics, ...]:
+        """Return the statistics of every model on the bank."""
+        calls = {
+            spec: f"{one.answered} of {one.planned} calls; controls may still follow"
+            for spec, one in self.evidence().items()
+            if one.unfinished
+        }
+        return tuple(
+            ModelStatistics(spec, self.bank.name, one.statistics, calls.get(spec, ""))
+            for spec, one in self.models.items()
+        )
+
+    def scope(self, model: ModelScore | None = None) -> str:
+        """Return the scope of a verdict: bank, episodes, model, prompt, date, untested things."""
+        bank, run = self.bank, self.manifest
+        frames = (model or next(iter(self.models.values()))).answers.frames
+        episodes = counted(len({frame.episode for frame in frames}), "episode")
+        if "episode" in bank.manifest.absent:
+            episodes = f"no episodes recorded{', frames declared independent' if self.independent else ''}"
+        who = f"{model.model}@{model.version}" if model else "each model"
+        size = f"{counted(len(frames), 'frame')}, {episodes}"
+        asked = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
+        if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
+            asked = f"called elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
+        return f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
+
+
+def score(
+    path: Path,
+    *,
+    resamples: int = 5000,
+    independent: bool = False,
+    reread: bool = False,
+    frames: Sequence[str] = (),
+) -> BatteryScore:
+    """Score the battery in a run's folder, finished or not, on some of its ``frames`` or on all.
+
+    ``independent`` declares that frames without episodes are independent draws, as a bank's
+    manifest may. ``reread`` lets today's reader read the replies of a run begun under an older one.
+    Raises LedgerError or BankError where the folder is no run, needs ``reread``, or holds calls
+    that it does not plan. Raises SpecError where independence is declared for a bank with episodes,
+    or the run cannot be scored on these ``frames``.
+    """
+    manifest, bank = read_run(path, reread=reread)
+    require_scorable(path, manifest, bank, independent=independent, reread=reread)
+    if frames:
+        chosen = set(frames)
+        asked = tuple(one.id for one in plan_of(manifest, bank).frames if one.id in chosen)
+        if not asked or manifest.stop_early:
+            why = "its answers chose its frames" if manifest.stop_early else "it has none of them"
+            raise SpecError(f"{path} cannot be scored on {len(chosen)} frames of its bank: {why}")
+        manifest = replace(manifest, frames=asked)
+    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent, held=True)
+
+
+def require_scorable(
+    path: Path, manifest: RunManifest, bank: FrameBank, *, independent: bool = False, reread: bool = False
+) -> None:
+    """Raise LedgerError or SpecError where a run may not be scored so, see ``score``."""
+    if manifest.study != STUDY:
+        raise LedgerError(
+            f"{path} is a run of the study '{manifest.study}', not of a battery: use 'eyechart score {path}'; in "
+            "Python, eyechart.api.read_policies reads policies, and eyechart.studies.study_of finds any run's study"
+        )
+    manifest.require_reader(path, READERS, reread=reread)
+    if (
+        independent
+        and max(Counter(frame.episode for frame in bank).values()) > 1
+        and "episode" not in bank.manifest.absent
+    ):
+        raise SpecError(
+            f"{path}: the frames of an episode are not independent draws, and this bank records episodes; "
+            "leave out --independent"
+        )
+
+
+def score_run(
+    manifest: RunManifest,
+    bank: FrameBank,
+    ledger_path: Path,
+    *,
+    resamples: int = 5000,
+    independent: bool = False,
+    held: bool = False,
+) -> BatteryScore:
+    """Score the calls in a ledger by a run's manifest and its bank.
+
+    With ``held`` each call is compared with the run's requests; raises LedgerError where one
+    differs.
+    """
+    independent = independent or bank.manifest.independent
+    how = Resampling(resamples=resamples, seed=manifest.seed)
+    plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
+    with Ledger(ledger_path) as ledger:
+        if held:
+            require_requests(ledger, manifest, plan)
+        may, asked, answers = supplied(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
+        for spec in manifest.models:
+            replies = list(ledger.replies(spec))
+            asked[spec] = asked_of_model(plan, spec, replies, may)
+            reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
+            answers[spec] = read_answers(spec, replies, reading, independent=independent, told=told)
+        wide, plan = widest(manifest, plan), staged(plan, asked)
+        courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
+        finished = ledger.finished() if courses else set()
+        spent, kept = taken(ledger, manifest, plan, read_prices(), courses)
+    stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
+    for spec, course in courses.items():
+        if stopped[spec] is not None:
+            answers[spec] = _counting(answers[spec], course.counted)
+            asked[spec] = ControlProgress(
+                tuple(name for name in CONTROLS if name in answers[spec].decisions), ended=True
+            )
+        else:
+            came = sum(key in finished for key in plan.keys_of(spec))
+            answers[spec] = replace(answers[spec].under(plan.asked(spec)), finished=came)
+    statistics = {
+        spec: _with_evidence(
+            statistics_of(one.under(asked[spec].judged_of(plan)), how, independent=independent),
+            courses.get(spec),
+            stopped.get(spec),
+        )
+        for spec, one in answers.items()
+    }
+    corrected = _corrected(statistics, {spec for spec, one in stopped.items() if one is not None})
+    models = {
+        spec: ModelScore(
+            model=spec,
+            version=version,
+            planned=sum(1 for _ in plan.keys_of(spec)),
+            answered=answers[spec].finished,
+            answers=answers[spec],
+            statistics=statistics[spec],
+            holm=corrected[spec],
+            stopped=stopped.get(spec),
+            controls=asked[spec],
+        )
+        for spec, version in manifest.models.items()
+    }
+    return BatteryScore(manifest, bank, models, spent, kept, independent)
+
+
+def took(path: Path, *, prices: Prices | None = None) -> CallAccounts:
+    """Return the cost of every model's calls, and whether the guards hold, without statistics."""
+    return took_run(*read_run(path), path / LEDGER, prices=prices)
+
+
+def took_run(
+    manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, prices: Prices | None = None
+) -> CallAccounts:
+    """Return what `took` returns, from a run's manifest and its bank."""
+    plan = plan_of(manifest, bank)
+    with Ledger(ledger_path) as ledger:
+        courses = EarlyStop(widest(manifest, plan), ledger).courses if manifest.stop_early else {}
+        plan = staged(plan, stages_of(manifest, plan, ledger))
+        return taken(ledger, manifest, plan, prices or read_prices(), courses)
+
+
+def taken(
+    ledger: Ledger,
+    manifest: RunManifest,
+    plan: Plan,
+    prices: Prices,
+    courses: Mapping[str, StoppingState] | None = None,
+) -> CallAccounts:
+    """Return costs and guards of a plan's calls; ``courses`` limit the calls of an early stop."""
+    spent: dict[str, dict[str, Account]] = {}
+    kept: dict[str, tuple[Guard, ...]] = {}
+    shown = RequestChecks()
+    for spec in manifest.models:
+        mode, space = manifest.mode(spec), plan.space
+        book, checks = Book(mode, space, prices), GuardChecks(mode, space)
+        for one in ledger.attempts(spec):
+            book.add(one)
+            checks.add(one)
+            shown.add(one)
+        course = (courses or {}).get(spec)
+        controls = plan.controls.get(spec, ())
+        asked = (
+            key
+            for key in plan.keys_of(spec)
+            if course is None or key.condition in course.wanted(key.frame) or key.condition in controls
+        )
+        spent[spec] = book.accounts()
+        kept[spec] = checks.guards(asked, manifest.fingerprint, spent[spec][ALL].words)
+    return spent, {spec: (*guards, *shown.guards(spec)) for spec, guards in kept.items()}
+
+
+def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:
+    """Return the answers that count, without control conditions that have none."""
+    decisions = {
+        name: tuple(
+            one if (frame.id, name) in counted else None for frame, one in zip(answers.frames, column, strict=True)
+        )
+        for name, column in answers.decisions.items()
+    }
+    kept = {name: column for name, column in decisions.items() if name not in CONTROLS or any(column)}
+    return replace(answers, decisions=kept, finished=len(counted))
+
+
+def _with_evidence(
+    found: Mapping[str, Statistic], course: StoppingState | None, stopped: StoppingPoint | None
+) -> dict[str, Statistic]:
+    """Add the e-values of a run that stops early; remove what holds only at a fixed sample size.
+
+    The tests that ``depth`` reads stay, because they used all frames.
+    """
+    if course is None:
+        return dict(found)
+    if stopped is None:
+        return {**found, **course.statistics()}
+    kept = {stopped.lateral_by, *(READ if stopped.whole else ())}
+    bare = {name: one if name in kept else _bare(one) for name, one in found.items()}
+    return {**bare, **course.statistics()}
+
+
+def _bare(one: Statistic) -> Statistic:
+    """Return a statistic of a run that stopped early, without its p and its interval."""
+    words = "stopped early: a p or an interval would hold at a fixed size only"
+    tested = {name for name in one.detail or {} if name.startswith("p_") or name.endswith("_p") or name == "bounded"}
+    detail = None if one.detail is None else {name: of for name, of in one.detail.items() if name not in tested}
+    return replace(one, ci=None, p=None, note=f"{one.note}; {words}" if one.note else words, detail=detail)
+
+
+def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:
+    """Return the paper's statistics and the calibrated tests of one model's answers, by name."""
+    return PaperStatistics(answers, how).statistics() | CalibratedTests(answers, how, independent).statistics()
+
+
+def _corrected(
+    statistics: Mapping[str, Mapping[str, Statistic]], stopped: Collection[str]
+) -> dict[str, dict[str, float | None]]:
+    """Correct each test over the models; p is 1 for a constant or an early-stopped model."""
+    by_model: dict[str, dict[str, float | None]] = {spec: {} for spec in statistics}
+    for test in HOLM:
+        corrected = holm([1.0 if spec in stopped else found[test].p for spec, found in statistics.items()])
+        for spec, p in zip(statistics, corrected, strict=True):
+            by_model[spec][test] = None if spec in stopped else p
+    return by_model

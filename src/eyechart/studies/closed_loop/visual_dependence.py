@@ -1,0 +1,55 @@
+"""Whether each driver drives by sight: its strictest comparison, and why it shows no more."""
+
+from eyechart.studies import ModelSummary
+from eyechart.studies.closed_loop import ClosedLoopScore
+from eyechart.studies.closed_loop.blind_baseline import CANNOT_SAY, NO_DIFFERENCE, SAME, BlindBaseline, bounds
+
+
+def by_sight(score: ClosedLoopScore) -> dict[str, BlindBaseline]:
+    """Return the strictest comparison of each driver with other pictures in the same worlds.
+
+    Where models drove, only they count, and not the scripted policies beside them.
+    """
+    told: dict[str, BlindBaseline] = {}
+    asked = {one.driver.label for one in score.drives if one.asked}
+    for one in (one for one in score.blind if one.of_pictures and (not asked or one.driver.label in asked)):
+        who = named(one, score)
+        if who not in told or (one.of_camera and not told[who].of_camera):
+            told[who] = one
+    return told
+
+
+def named(one: BlindBaseline, score: ClosedLoopScore) -> str:
+    """Return the driver's name, and its simulator where there are several."""
+    return f"{one.driver.label} in {one.driver.simulator}" if len(score.simulators) > 1 else one.driver.label
+
+
+def told_of(one: BlindBaseline, measure: str = "reward") -> tuple[str, str]:
+    """Return what a comparison shows of a driver, and why it shows no more; either may be empty."""
+    first = one.shows[:1].upper() + one.shows[1:]
+    text = f"{first} {one.rest}".strip()
+    if one.finding == CANNOT_SAY:
+        return "", text
+    if one.finding == NO_DIFFERENCE:
+        return "", (
+            f"No difference from {one.condition} pictures was found in {one.paired.worlds} worlds. There may still be "
+            f"one: the data allow {bounds(one.paired, measure)}, and more worlds narrow it."
+        )
+    if one.finding == SAME:
+        return text, f"It drove {one.paired.worlds} worlds; other worlds were not tested."
+    if one.unasked:
+        return first, f"{one.unasked} {one.rest}".strip()
+    return text, "Drives do not show which part of its pictures it follows: use 'eyechart run battery'."
+
+
+def findings(score: ClosedLoopScore) -> dict[str, ModelSummary]:
+    """Return whether each driver drives by sight, by the measure that differs most surely."""
+    lacking = {one.policy: one.words for many in score.unfinished.values() for one in many}
+    served = {spec.partition(" in ")[0]: guard for spec, guard in score.served.items()}
+    found: dict[str, ModelSummary] = {}
+    for one in by_sight(score).values():
+        spec, name, label = one.driver.policy, one.decisive, one.label
+        marks = [served[spec].mark] if spec in served else []
+        by, state = f"{name}, real less {one.condition}", lacking.get(spec, "")
+        found.setdefault(spec, ModelSummary(label.says, label.family, by, one.paired.differences[name], state, marks))
+    return found

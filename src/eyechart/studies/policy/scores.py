@@ -1,0 +1,198 @@
+"""Scoring: from a ledger of motions to each policy's statistics; it only reads."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from eyechart.channels import CAMERA, CAMERAS, channels_of
+from eyechart.conditions.policies import conditions_of
+from eyechart.costs import Account
+from eyechart.errors import LedgerError
+from eyechart.frames import FrameBank
+from eyechart.integrity import Guard
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.models.prices import Prices, read_prices
+from eyechart.records import KeyedRecord
+from eyechart.run import MotionPlan
+from eyechart.spaces.motion import MOTION_READER
+from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.stats.total_effect import share_difference
+from eyechart.studies.battery import require_requests, taken
+from eyechart.studies.policy.effects import Effects, statistics_of
+from eyechart.studies.policy.motions import Motions, read_motions
+from eyechart.studies.policy.plans import STUDY, drawers, motions_of, seeded
+from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy
+from eyechart.verdicts.share_predicates import MissingConditions
+
+CallAccounts = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
+
+
+@dataclass(frozen=True)
+class PolicyResult(KeyedRecord):
+    """One policy: its statistics by name, its answers, and whether it draws them."""
+
+    written = "version motions.planned answered motions.missing drawn statistics"
+
+    model: str
+    version: str
+    motions: Motions
+    drawn: bool
+    statistics: Mapping[str, Statistic]
+
+    @property
+    def answered(self) -> int:
+        """Return how many calls are finished."""
+        return self.motions.finished
+
+
+@dataclass(frozen=True)
+class PolicyScore(KeyedRecord):
+    """Every policy of a run, and the costs of its calls."""
+
+    written = (
+        "manifest.study bank=bank.name manifest.fingerprint manifest.seed manifest.prompt.space.reader channels "
+        "policies=models accounting guards"
+    )
+
+    manifest: RunManifest
+    bank: FrameBank
+    models: Mapping[str, PolicyResult]
+    accounting: Mapping[str, Mapping[str, Account]]
+    guards: Mapping[str, tuple[Guard, ...]]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Return the channels of the bank."""
+        return channels_of(self.bank)
+
+    def measured(self) -> tuple[ModelStatistics, ...]:
+        """Return the statistics of every policy on the bank."""
+        short = {
+            spec: f"{one.answered} of {one.motions.planned} calls"
+            for spec, one in self.models.items()
+            if one.answered < one.motions.planned
+        }
+        return tuple(
+            ModelStatistics(spec, self.bank.name, one.statistics, short.get(spec, ""))
+            for spec, one in self.models.items()
+        )
+
+    def scope(self, spec: str) -> str:
+        """Return the sentence that limits the verdict on a policy."""
+        one = self.models[spec]
+        frames = one.motions.plan.frames
+        episodes = len({frame.drive for frame in frames})
+        where = f"On these {episodes} episodes ({len(frames)} frames) of {self.bank.name}, {self.bank.manifest.picture}"
+        return (
+            f"{where}, {spec}@{one.version} on {self.manifest.created}; not tested: other data, closed loop, and what "
+            "only few episodes would show."
+        )
+
+
+def score(path: Path, *, reread: bool = False) -> PolicyScore:
+    """Score the run of policies in a folder, finished or not.
+
+    Raises LedgerError or BankError if the folder is no such run. LedgerError also for a run begun
+    under another version of the reader, unless ``reread`` is set.
+    """
+    manifest, bank = read_run(path)
+    require_scorable(path, manifest, reread=reread)
+    return score_run(manifest, bank, path / LEDGER, held=True)
+
+
+def require_scorable(path: Path, manifest: RunManifest, *, reread: bool = False) -> None:
+    """Raise LedgerError if a run is not one of policies, or its reader has another version."""
+    if manifest.study != STUDY:
+        raise LedgerError(
+            f"{path} is a run of the study '{manifest.study}', not of policies: use 'eyechart score {path}', "
+            "or eyechart.api.read_report of a battery from Python"
+        )
+    manifest.require_reader(path, (MOTION_READER,), reread=reread)
+
+
+def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held: bool = False) -> PolicyScore:
+    """Score the calls of a ledger by a run's manifest and its bank.
+
+    With ``held``, a call whose request differs from the run's raises LedgerError.
+    """
+    found: dict[str, PolicyResult] = {}
+    with Ledger(ledger_path) as ledger:
+        plan = drawn_of(ledger, manifest, bank)
+        if held:
+            require_requests(ledger, manifest, plan)
+        for spec, version in manifest.models.items():
+            drawn = spec in plan.drawn
+            order = [sent.key for sent in ledger.attempts(spec)] if drawn else []
+            motions = read_motions(ledger.replies(spec), plan, spec, order)
+            statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec) and not drawn)
+            found[spec] = PolicyResult(spec, version, motions, drawn, statistics)
+        accounting, guards = _took(ledger, manifest, plan, read_prices())
+    return PolicyScore(manifest, bank, found, accounting, guards)
+
+
+def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
+    """Return the verdict on every policy of a run."""
+    supplied, lacking = conditions_of(found.bank, reading=False)
+    asked = MissingConditions(
+        frozenset(supplied) - frozenset(found.manifest.conditions), lacking, found.manifest.bank_path
+    )
+    return {
+        spec: judge_policy(
+            spec,
+            one.statistics,
+            found.channels,
+            scope=found.scope(spec),
+            missing=one.motions.missing,
+            left=one.motions.planned - one.motions.finished,
+            reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
+            asked=asked,
+        )
+        for spec, one in found.models.items()
+    }
+
+
+def judged_json(found: PolicyScore) -> dict[str, dict[str, object]]:
+    """Return the verdict on every policy as plain JSON values, with each camera by its name.
+
+    With a single camera, its entry repeats the one of all cameras.
+    """
+    said = {spec: one.as_dict() for spec, one in judge(found).items()}
+    names = [one.name for one in found.bank.frames[0].cameras]
+    for one in said.values() if len(names) == 1 else ():
+        own = f"{CAMERA}{names[0]}"
+        one["cameras"] = {names[0]: one["camera"]}
+        for key, whole in (("channels", CAMERAS), ("axes", "camera")):
+            every = one[key]
+            assert isinstance(every, dict)
+            one[key] = every | ({own: every[whole]} if whole in every else {})
+    return said
+
+
+def drawn_of(ledger: Ledger, manifest: RunManifest, bank: FrameBank) -> MotionPlan:
+    """Return a run's plan with the policies that its ledger shows to draw their answers."""
+    return replace(motions_of(manifest, bank), drawn=drawers(ledger, manifest))
+
+
+def took(path: Path, prices: Prices) -> CallAccounts:
+    """Return every policy's costs and guards, without the statistics."""
+    manifest, bank = read_run(path)
+    with Ledger(path / LEDGER) as ledger:
+        return _took(ledger, manifest, drawn_of(ledger, manifest, bank), prices)
+
+
+def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Prices) -> CallAccounts:
+    spent, kept = taken(ledger, manifest, plan, prices)
+    return spent, {
+        spec: tuple(one for one in many if one.name in {"outcomes", "geometry", "served"})
+        for spec, many in kept.items()
+    }
+
+
+def difference(first: PolicyResult, second: PolicyResult, channel: str) -> Statistic:
+    """Return how much larger a channel's share is for the second policy, on the same frames."""
+    found = [Effects(one.motions, drawn=one.drawn).pairs(f"swapped@{channel}") for one in (first, second)]
+    less, more = found
+    if isinstance(less, str) or isinstance(more, str):
+        return cannot_say(next(one for one in found if isinstance(one, str)))
+    return share_difference(less, more)
