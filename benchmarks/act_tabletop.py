@@ -43,13 +43,13 @@ def moments(kind: str) -> dict[str, np.ndarray]:
     for turn in range(EPISODES):
         tables += episode(rng, scene(rng), COLOURS[turn % 2], MOVES, left=turn % 4 < 2)
     seen = cameras(tables)
-    own = [[*one.tool, one.grip, *(one.target if kind == "privileged" else ())] for one in tables]
-    told = [[float(one.named == colour) for colour in COLOURS] for one in tables]
+    own = [[*table.tool, table.grip, *(table.target if kind == "privileged" else ())] for table in tables]
+    told = [[float(table.named == colour) for colour in COLOURS] for table in tables]
     return {
         "top": seen["top"],
         "wrist": seen["wrist"],
         "state": np.concatenate([np.array(own), np.array(told)], axis=1).astype(np.float32),
-        "action": np.stack([oracle(one) for one in tables]).astype(np.float32),
+        "action": np.stack([oracle(table) for table in tables]).astype(np.float32),
     }
 
 
@@ -130,8 +130,8 @@ def shown(pictures: dict[str, np.ndarray], state: np.ndarray) -> dict[str, Any]:
     import torch  # noqa: PLC0415
 
     made = {
-        f"observation.images.{name}": torch.tensor(one).permute(0, 3, 1, 2).float() / 255
-        for name, one in pictures.items()
+        f"observation.images.{name}": torch.tensor(picture).permute(0, 3, 1, 2).float() / 255
+        for name, picture in pictures.items()
     }
     return {**made, "observation.state": torch.tensor(state), "task": [""] * len(state)}
 
@@ -139,7 +139,7 @@ def shown(pictures: dict[str, np.ndarray], state: np.ndarray) -> dict[str, Any]:
 def moment(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> dict[str, Any]:
     """Return a batch of one moment; which block is named is told as two numbers of the state."""
     told = [float(colour in (instruction or "")) for colour in ("red", "blue")]
-    return shown({name: one[None] for name, one in images.items()}, np.array([[*state, *told]], np.float32))
+    return shown({name: image[None] for name, image in images.items()}, np.array([[*state, *told]], np.float32))
 
 
 def learn(policy: Any, data: dict[str, np.ndarray], steps: int, given: Callable[[Any], Any]) -> int:  # noqa: ANN401 - of LeRobot

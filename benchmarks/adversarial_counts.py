@@ -114,13 +114,13 @@ def wrong_holes(row: Row, truth: Mapping[str, object]) -> list[str]:
     """Return what is untrue in the places that a `partial_depth` names and leaves out."""
     places = truth["places"]
     assert isinstance(places, Mapping)
-    holes = tuple(_third(one, row.world) for one in row.holes)
-    named = {one: places.get(one) for one in holes}
-    found = [f"names {one}" for one, says in named.items() if says == "depth"]
+    holes = tuple(_third(hole, row.world) for hole in row.holes)
+    named = {hole: places.get(hole) for hole in holes}
+    result = [f"names {one}" for one, says in named.items() if says == "depth"]
     if any(says != "depth" for says in named.values()):
         left = [one for one, says in places.items() if says == "no" and one not in named]
-        found += [f"leaves out {one}" for one in left if not _is_covered(one, truth, holes)]
-    return found
+        result += [f"leaves out {one}" for one in left if not _is_covered(one, truth, holes)]
+    return result
 
 
 def _third(hole: str, world: str) -> str:
@@ -155,28 +155,28 @@ def shares(rows: Iterable[Row], is_hit: Callable[[Row], bool]) -> str:
 def judge(rows: Sequence[Row], truths: Truths) -> dict[str, object]:
     """Return what is written of the rows of one world."""
     tried = [(row, truth) for row in rows if (truth := truth_of(row, truths))]
-    found: dict[str, object] = {"banks": len({row.bank for row in rows}), "rows": len(rows)}
-    found["untrue"] = {claim: _untrue(claim, tried) for claim in CLAIMS}
-    found["a place is no and the label is depth"] = _holed(tried)
-    found["partial_depth untrue"] = _partial(tried)
-    found["readers told so"] = _readers(tried)
-    found["known answers right"] = shares([row for row in rows if row.kind == KNOWN], _is_right)
-    found["seconds a row"] = round(float(np.mean([row.seconds for row in rows])), 3)
+    result: dict[str, object] = {"banks": len({row.bank for row in rows}), "rows": len(rows)}
+    result["untrue"] = {claim: _untrue(claim, tried) for claim in CLAIMS}
+    result["a place is no and the label is depth"] = _holed(tried)
+    result["partial_depth untrue"] = _partial(tried)
+    result["readers told so"] = _readers(tried)
+    result["known answers right"] = shares([row for row in rows if row.kind == KNOWN], _is_right)
+    result["seconds a row"] = round(float(np.mean([row.seconds for row in rows])), 3)
     called: dict[str, Counter[str]] = defaultdict(Counter)
     for row in rows:
         called[row.name][f"{row.label}/{row.lateral} by {row.decided_by}"] += 1
-    found["called"] = {name: dict(counts) for name, counts in sorted(called.items())}
-    return found
+    result["called"] = {name: dict(counts) for name, counts in sorted(called.items())}
+    return result
 
 
 def _kinds(rows: Iterable[Row]) -> dict[str, list[Row]]:
     """Return rows by kind, those of all newcomers together first."""
-    found: dict[str, list[Row]] = {"new": []}
+    kinds: dict[str, list[Row]] = {"new": []}
     for row in rows:
-        found.setdefault(row.kind, []).append(row)
+        kinds.setdefault(row.kind, []).append(row)
         if row.kind in ADVERSARIES_BY_KIND:
-            found["new"].append(row)
-    return found
+            kinds["new"].append(row)
+    return kinds
 
 
 def _by_name(rows: Iterable[Row], is_hit: Callable[[Row], bool]) -> dict[str, str]:
@@ -227,7 +227,7 @@ def _partial(tried: Sequence[tuple[Row, Mapping[str, object]]]) -> dict[str, obj
 
 def _readers(tried: Sequence[tuple[Row, Mapping[str, object]]]) -> dict[str, object]:
     """Return how many of the readers of ordinary quality are told so, and what was said of the others, by what."""
-    found: dict[str, object] = {}
+    readers: dict[str, object] = {}
     for what, kinds, wanted in (("one error", ORDINARY, False), ("all three at once", (*ALL_THREE, ORDINARY[1]), True)):
         rows = [
             row
@@ -241,13 +241,13 @@ def _readers(tried: Sequence[tuple[Row, Mapping[str, object]]]) -> dict[str, obj
             if row.label not in AUTHORITY:
                 lost[row.name][f"{row.label} by {', '.join(row.holes) or row.decided_by}"] += 1
         cold = [row for row in rows if row.name.endswith("_t0")]
-        found[what] = {
+        readers[what] = {
             "all": shares(rows, _is_found),
             "temperature 0": shares(cold, _is_found),
             "temperature 1": shares([row for row in rows if row not in cold], _is_found),
             "lost": {name: dict(counts) for name, counts in sorted(lost.items())},
         }
-    return found
+    return readers
 
 
 def _is_found(row: Row) -> bool:
@@ -295,7 +295,7 @@ def write(rows: Sequence[Row], truths: Truths, result: Path) -> int:
     worlds = list(dict.fromkeys(row.world for row in rows))
     judged = {world: judge([row for row in rows if row.world == world], truths) for world in worlds}
     misses = [one for world, mine in judged.items() for one in misses_of(world, mine)]
-    measured = {f"{world} {name}": _short(one) for (world, name), one in sorted(truths.items())}
+    measured = {f"{world} {name}": _short(truth) for (world, name), truth in sorted(truths.items())}
     result.parent.mkdir(exist_ok=True)
     text = json.dumps(found | judged | {"truth": measured, "misses": misses}, indent=1)
     result.write_text(text + "\n", encoding="utf-8")

@@ -139,8 +139,8 @@ def opened(name: str, kind: str, seed: int) -> Adversary:
 
 def setting_of(frames: int) -> Setting:
     """Return the setting of a simulated world of so many frames, its near lead where the banks' staging has it."""
-    made = Setting("frames_72", "8 episodes of 9 frames", episodes=2, frames=9)
-    found = {72: made, 144: SETTINGS["default"], 288: SETTINGS["frames_288"]}[frames]
+    setting = Setting("frames_72", "8 episodes of 9 frames", episodes=2, frames=9)
+    found = {72: setting, 144: SETTINGS["default"], 288: SETTINGS["frames_288"]}[frames]
     return replace(found, lowest=STAGING >= BOXED)
 
 
@@ -217,8 +217,8 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
     while wanted:
         asking.ask(wanted, may)
         asked += wanted
-        found = CalibratedStatistics(CalibratedTests(asking.answers(chance), how))
-        wanted = list(verdicts.controls_wanted(found, supplied=supplied, asked=asked))
+        calibratedstatistics = CalibratedStatistics(CalibratedTests(asking.answers(chance), how))
+        wanted = list(verdicts.controls_wanted(calibratedstatistics, supplied=supplied, asked=asked))
     answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
     lateral = verdicts.lateral_rules(statistics, answers.directions())
@@ -232,7 +232,7 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
         label=ruling.label,
         lateral=lateral.label,
         decided_by=str(ruling.decided_by),
-        holes=tuple(f"{one.of} {one.name}" for one in places),
+        holes=tuple(f"{place.of} {place.name}" for place in places),
         calls=asking.calls,
         seconds=0.0,
     )
@@ -314,9 +314,9 @@ def judge_rendered(bank: Bank, named: Sequence[tuple[str, str]], folder: Path) -
 def measured(name: str, kind: str, pictures: Pictures) -> dict[str, object]:
     """Return the truth of a controller in a world; of one that knows files what it declares."""
     if name in adversary_door.FILES:
-        one = adversary_door.adversary(name)
+        adversary = adversary_door.adversary(name)
         says = {True: "depth", False: "no", None: "none"}
-        return {"says": says[one.follows], "turns": "no", "places": {}}
+        return {"says": says[adversary.follows], "turns": "no", "places": {}}
     pixels = name in adversary_door.PIXELS or name in adversary_door.SIZES
     look = name if pixels else ""
     if look and not pictures.looked[0]:

@@ -30,15 +30,15 @@ SHADES = ("STOP", "SLOW", "STRAIGHT")
 def frame_numbers() -> dict[bytes, int]:
     """Return of which frame each picture of the bank is, by what `_key` makes of it, as it is and mirrored."""
     bank = open_bank(Path(os.environ["EYECHART_ADVERSARY_BANK"]))
-    found = {}
+    result = {}
     for number, frame in enumerate(bank):
         axes = {one.name: one.mirror_axis for one in frame.cameras}
         for name in (None, *frame.counterfactuals):
             for camera, picture in bank.images(frame, name).items():
                 pixels = decode(picture, frame.id)
                 shown = (pixels, flip(pixels, axes[camera])) if axes[camera] != "none" and name is None else (pixels,)
-                found |= {_key(one): number for one in shown}
-    return found
+                result |= {_key(one): number for one in shown}
+    return result
 
 
 def _key(pixels: np.ndarray) -> bytes:

@@ -109,16 +109,16 @@ def pictures_of(world: str, folder: Path) -> Pictures:
         return simulated()
     file = folder / f"pictures-{world}.pickle"
     if file.is_file():
-        kept: Pictures = pickle.loads(file.read_bytes())  # noqa: S301 - written below
-        return kept
-    found = rendered(world)
-    file.write_bytes(pickle.dumps(found))
-    return found
+        pictures: Pictures = pickle.loads(file.read_bytes())  # noqa: S301 - written below
+        return pictures
+    result = rendered(world)
+    file.write_bytes(pickle.dumps(result))
+    return result
 
 
 def simulated() -> Pictures:
     """Return the pictures of a simulated world."""
-    world, found = make_world(SETTINGS["frames_288"], np.random.default_rng(95)), Pictures()
+    world, result = make_world(SETTINGS["frames_288"], np.random.default_rng(95)), Pictures()
     rng = np.random.default_rng(96)
     shown = [
         (frame, one.sight.reading)
@@ -130,8 +130,8 @@ def simulated() -> Pictures:
     for frame, reading in shown[::3]:
         place = {"scenario": frame.scenario, "lanes": str(frame.strata["lanes"]), "lead_colour": paint(reading)}
         far = float(rng.uniform(50, 60)), float(rng.uniform(50, 60)), float(rng.choice([-LANE_M, LANE_M]))
-        found.frame(SPAN, place, partial(_put, reading), partial(_exchange, reading, far))
-    return found
+        result.frame(SPAN, place, partial(_put, reading), partial(_exchange, reading, far))
+    return result
 
 
 def _put(one: HighwayReading, lead_m: float, beside: OtherVehicle | None = None) -> Seen:
@@ -155,7 +155,7 @@ def _exchange(one: HighwayReading, far: tuple[float, float, float], at_m: float)
 
 def rendered(simulator: str) -> Pictures:
     """Return the pictures of a simulator, rendered anew and read from their pixels."""
-    maker, found = open_bank_simulator(simulator), Pictures()
+    maker, result = open_bank_simulator(simulator), Pictures()
     assert isinstance(maker, BankMaker)
     preset = maker.open_preset("balanced")
     assert preset.span is not None
@@ -169,8 +169,8 @@ def rendered(simulator: str) -> Pictures:
             place = {"scenario": scenario, **{name: str(value) for name, value in moment.strata.items()}}
             rng, of = np.random.default_rng([number, step]), partial(_read, 1000.0 * number + step + 1, str(colour))
             draw, exchange = (_on_highway if simulator == "highway" else _on_road)(moment, rng)
-            taken += found.frame(preset.span, place, partial(_one, draw, of), partial(_three, exchange, of))
-    return found
+            taken += result.frame(preset.span, place, partial(_one, draw, of), partial(_three, exchange, of))
+    return result
 
 
 Drawing = Callable[[float], RGB | None]

@@ -82,7 +82,7 @@ class Part:
     def says(self) -> str:
         """Return depth, no, or none where nothing is asked."""
         no = self.net < 0.10 or self.wrong >= 0.15 or self.rise >= 0.25 or self.frames >= 0.15
-        if no or any(_is_others(*one) for one in self.ratios):
+        if no or any(_is_others(*ratio) for ratio in self.ratios):
             return "no"
         good = self.net >= 0.25 and self.wrong < 0.08 and self.rise < 0.15 and self.frames < 0.10
         return "depth" if good and all(other <= max(lead / 2, 0.1) for lead, other in self.ratios) else "none"
@@ -230,25 +230,27 @@ def _places(levels: Floats, pictures: Pictures) -> dict[str, str]:
 def _thirds(levels: Floats, pictures: Pictures) -> dict[str, str]:
     grid, every = levels[pictures.grid], np.arange(len(pictures.places))
     wrong, told, nearer = _pairs(grid, np.geomspace(1, 11.27, grid.shape[1]))
-    ratios, far, found = _ratios(levels, pictures, every), float(grid[:, FAR:].mean()), dict[str, str]()
+    ratios, far, result = _ratios(levels, pictures, every), float(grid[:, FAR:].mean()), dict[str, str]()
     net = {name: float(grid[:, first:last].mean()) - far for name, (first, last, _) in THIRDS.items()}
     for name, (first, last, places) in THIRDS.items():
         own = (nearer >= first) & (nearer < last)
-        share, mine = _share(wrong[:, own], told[:, own]), [ratios[one] for one in places]
+        share, mine = _share(wrong[:, own], told[:, own]), [ratios[place] for place in places]
         beyond = any(net[other] >= 0.10 for other, (begins, _, _) in THIRDS.items() if begins > first)
         if share >= 0.15 or any(_is_others(*one) for one in mine) or (net[name] < 0.10 and beyond):
-            found[name] = "no"
+            result[name] = "no"
         else:
             good = net[name] >= 0.25 and share < 0.08 and all(other <= max(lead / 2, 0.1) for lead, other in mine)
-            found[name] = "depth" if good else "none"
-    return found
+            result[name] = "depth" if good else "none"
+    return result
 
 
 def _turns(answered: Ints, pictures: Pictures) -> Turns:
     """Return how it turns, over all pictures of the range."""
     grid, left, right = pictures.grid, ACTIONS["LEFT"], ACTIONS["RIGHT"]
     scenes = [pictures.sights[number].reading for number in grid.ravel()]
-    sides = np.array([(one.scene.left_clear, one.scene.right_clear) for one in scenes if one]).reshape(*grid.shape, 2)
+    sides = np.array([(scene.scene.left_clear, scene.scene.right_clear) for scene in scenes if scene]).reshape(
+        *grid.shape, 2
+    )
     lefts, rights = ((answered == side).mean(axis=0)[grid] for side in (left, right))
     one_left, one_right = sides[..., 0] & ~sides[..., 1], ~sides[..., 0] & sides[..., 1]
     one = max(int((one_left | one_right).sum()), 1)

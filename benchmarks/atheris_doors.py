@@ -114,7 +114,7 @@ def main() -> int:
             rows[name] = row_of(name, asked.minutes)
             print(name, rows[name], flush=True)
             write(rows)
-    return int(any(one["exit"] for one in rows.values()))
+    return int(any(row["exit"] for row in rows.values()))
 
 
 def write(rows: dict[str, dict[str, object]]) -> None:
@@ -123,7 +123,7 @@ def write(rows: dict[str, dict[str, object]]) -> None:
     found = {
         "version": version[1] if version else "",
         "date": dt.datetime.now(tz=dt.UTC).date().isoformat(),
-        "wrong": sum(bool(one["exit"]) for one in rows.values()),
+        "wrong": sum(bool(row["exit"]) for row in rows.values()),
         "targets": rows,
     }
     part = RESULT.with_suffix(".part")

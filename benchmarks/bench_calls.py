@@ -169,7 +169,7 @@ def inspect_in(folder: Path, base_url: str) -> None:
     took = clocked(run)
     (log,) = made
     assert log.status == "success", log.error
-    assert [one.output.completion for one in log.samples] == ["SLOW"] * len(names)
+    assert [sample.output.completion for sample in log.samples] == ["SLOW"] * len(names)
     print(json.dumps(took))
 
 

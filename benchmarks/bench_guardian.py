@@ -42,8 +42,8 @@ def votes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def ours(said: np.ndarray, truth: np.ndarray, group: np.ndarray) -> Chosen:
     """Choose in every fold at once."""
-    found = select_without_each(tally(said, truth, group, size=2))
-    return [(one.committee, one.threshold) for one in found]
+    choices = select_without_each(tally(said, truth, group, size=2))
+    return [(choice.committee, choice.threshold) for choice in choices]
 
 
 def loop(said: np.ndarray, truth: np.ndarray, group: np.ndarray) -> Chosen:

@@ -74,14 +74,14 @@ class Cvxpy:
 
     def _constraints(self) -> list[cp.Constraint]:
         x, u, half = self._x, self._u, ROAD.half_width_m
-        found = [x[0] == self._start]
-        found += [x[k + 1] == self._a[k] @ x[k] + self._b[k] @ u[k] + self._c[k] for k in range(HORIZON)]
-        found += [u[:, 0] >= -CAR.brake_mps2, u[:, 0] <= CAR.accel_mps2, cp.abs(u[:, 1]) <= self._most]
-        found += [x[1:, 1] <= half + self._off, x[1:, 1] >= -half - self._off]
-        found += [x[1:, 3] <= self._top, x[1:, 3] >= self._least]
+        constraints = [x[0] == self._start]
+        constraints += [x[k + 1] == self._a[k] @ x[k] + self._b[k] @ u[k] + self._c[k] for k in range(HORIZON)]
+        constraints += [u[:, 0] >= -CAR.brake_mps2, u[:, 0] <= CAR.accel_mps2, cp.abs(u[:, 1]) <= self._most]
+        constraints += [x[1:, 1] <= half + self._off, x[1:, 1] >= -half - self._off]
+        constraints += [x[1:, 3] <= self._top, x[1:, 3] >= self._least]
         for n, d in zip(self._n, self._d, strict=True):
-            found.append(cp.sum(cp.multiply(n, x[1:, :2]), axis=1) + self._in >= d)
-        return found
+            constraints.append(cp.sum(cp.multiply(n, x[1:, :2]), axis=1) + self._in >= d)
+        return constraints
 
     def plan(self, state: State, target: Target, discs: Floats) -> tuple[float, float]:
         """Return acceleration and steering."""

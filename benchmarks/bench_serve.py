@@ -176,11 +176,11 @@ def judged(
     outcomes: Sequence[Outcome], *, died_s: float, deadline_s: float = DEADLINE_S, grace_s: float = GRACE_S
 ) -> dict[str, object]:
     """Return what is reported, and under ``wrong`` what must not be: a list that should be empty."""
-    counts = Counter(f"{one.kind} {one.status}" for one in outcomes)
-    good = [one for one in outcomes if one.kind == "good"]
-    answered = [one for one in good if one.status == 200]
-    before, after = ([one for one in answered if (one.sent_s > died_s) == late] for late in (False, True))
-    times = sorted(one.seconds for one in answered) or [0.0]
+    counts = Counter(f"{outcome.kind} {outcome.status}" for outcome in outcomes)
+    good = [outcome for outcome in outcomes if outcome.kind == "good"]
+    answered = [outcome for outcome in good if outcome.status == 200]
+    before, after = ([outcome for outcome in answered if (outcome.sent_s > died_s) == late] for late in (False, True))
+    times = sorted(outcome.seconds for outcome in answered) or [0.0]
     allowed = {
         "good": {200, 503},
         "malformed": {400, 422, 503},
@@ -189,19 +189,21 @@ def judged(
         "slow": {408, 503},
         "headless": {0},
     }
-    wrong = [f"{one.kind} got {one.status}" for one in outcomes if one.status not in allowed[one.kind]]
-    late = [one for one in outcomes if one.kind != "headless" and one.seconds > deadline_s + grace_s]
-    wrong += [f"{one.kind} took {one.seconds:.2f} s" for one in late]
+    wrong = [
+        f"{outcome.kind} got {outcome.status}" for outcome in outcomes if outcome.status not in allowed[outcome.kind]
+    ]
+    late = [outcome for outcome in outcomes if outcome.kind != "headless" and outcome.seconds > deadline_s + grace_s]
+    wrong += [f"{outcome.kind} took {outcome.seconds:.2f} s" for outcome in late]
     wrong += ["clear without all models" for one in after if one.answer == "clear" and one.sent_s > died_s + deadline_s]
     return {
         "requests": len(outcomes),
-        "offered_per_s": len(outcomes) / max(1e-9, max((one.sent_s for one in outcomes), default=0.0)),
+        "offered_per_s": len(outcomes) / max(1e-9, max((outcome.sent_s for outcome in outcomes), default=0.0)),
         "counts": dict(sorted(counts.items())),
         "good_answered": len(answered) / max(1, len(good)),
-        "good_per_s": len(answered) / max(1e-9, max((one.sent_s for one in outcomes), default=0.0)),
+        "good_per_s": len(answered) / max(1e-9, max((outcome.sent_s for outcome in outcomes), default=0.0)),
         "p50_s": times[len(times) // 2],
         "p99_s": times[min(len(times) - 1, int(0.99 * len(times)))],
-        "longest_s": max((one.seconds for one in outcomes if one.kind != "headless"), default=0.0),
+        "longest_s": max((outcome.seconds for outcome in outcomes if outcome.kind != "headless"), default=0.0),
         "answers_before": dict(Counter(one.answer for one in before)),
         "answers_after": dict(Counter(one.answer for one in after)),
         "wrong": wrong[:20],

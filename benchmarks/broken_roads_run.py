@@ -119,10 +119,12 @@ def counted(attempts: list[SentAttempt], requests: Mapping[int, int]) -> dict[st
     An attempt may not have arrived whose outcome is unknown, or that found its connection closed.
     """
     sent, may_miss = Counter[int](), Counter[int]()
-    for one in attempts:
-        seed = one.key.seed(7) % 2**31
+    for attempt in attempts:
+        seed = attempt.key.seed(7) % 2**31
         sent[seed] += 1
-        may_miss[seed] += one.reply is None or (one.reply.error == "connection" and one.reply.status is None)
+        may_miss[seed] += attempt.reply is None or (
+            attempt.reply.error == "connection" and attempt.reply.status is None
+        )
     wrong = [seed for seed in {*sent, *requests} if not 0 <= sent[seed] - requests.get(seed, 0) <= may_miss[seed]]
     return {
         "attempts": len(attempts),

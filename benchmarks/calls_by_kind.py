@@ -85,7 +85,8 @@ def write(found: dict[str, list[dict[str, list[object]]]], result: Path) -> int:
     names = [name for name in found["now"][0] if name in found["before"][0]]
     calls = {
         name: {
-            which: round(mean(float(str(one[name][0])) for one in banks) / FRAMES, 3) for which, banks in found.items()
+            which: round(mean(float(str(bank[name][0])) for bank in banks) / FRAMES, 3)
+            for which, banks in found.items()
         }
         for name in names
     }

@@ -179,7 +179,7 @@ def contents(path: Path, old: Path) -> object:
     if path.suffix == ".jsonl":
         lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
         if path.name == "episodes.jsonl":  # in the order in which they ended
-            lines.sort(key=lambda one: json.dumps(one.get("key"), sort_keys=True))
+            lines.sort(key=lambda line: json.dumps(line.get("key"), sort_keys=True))
         return without(lines, CLOCKS)
     if path.suffix == ".csv":
         with path.open(encoding="utf-8", newline="") as file:
@@ -266,13 +266,13 @@ def compare(old: tuple[str, Path], new: tuple[str, Path]) -> int:
         kind = name.split("/")[0] if name.startswith("answers") else Path(name).suffix
         compared[kind] += 1
         compared["rows of ledgers"] += len(first) if name.endswith("ledger.sqlite") and isinstance(first, dict) else 0
-        for one in by_key.differences(first, second):
-            covering = [entry for entry in listed if entry.covers(name, one)]
+        for difference in by_key.differences(first, second):
+            covering = [entry for entry in listed if entry.covers(name, difference)]
             if covering:
                 on_purpose[covering[0].reason] += 1
                 unseen.difference_update(covering)
             else:
-                unexpected.append(f"{name}: {one}")
+                unexpected.append(f"{name}: {difference}")
     found = {
         "old": old[0],
         "new": new[0],

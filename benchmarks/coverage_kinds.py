@@ -237,7 +237,7 @@ def main() -> int:
     parser.add_argument("--sets", type=int, default=1000, help="data sets a row (default: 1000)")
     sets = parser.parse_args().sets
     modules = (association, episodes, jackknife, total_effect)
-    sources = b"".join(Path(str(one.__file__)).read_bytes() for one in modules) + Path(__file__).read_bytes()
+    sources = b"".join(Path(str(module.__file__)).read_bytes() for module in modules) + Path(__file__).read_bytes()
     code = hashlib.sha256(sources).hexdigest()[:16]
     whole = json.loads(RESULT.read_text())
     others = whole.get("others", {})

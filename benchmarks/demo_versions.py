@@ -41,17 +41,17 @@ def demo(python: Path, folder: Path, seed: int) -> Took:
         _, status, used = os.wait4(child.pid, 0)
     child.returncode = os.waitstatus_to_exitcode(status)
     shutil.rmtree(folder, ignore_errors=True)
-    found = RIGHT.search(" ".join(printed.read_text(encoding="utf-8").split()))
-    if found is None:
+    match = RIGHT.search(" ".join(printed.read_text(encoding="utf-8").split()))
+    if match is None:
         raise SystemExit(f"{python}: demo --seed {seed} exits {child.returncode} without its last line; see {printed}")
-    return {"cpu_s": round(used.ru_utime + used.ru_stime, 2), "right": [int(one) for one in found.groups()]}
+    return {"cpu_s": round(used.ru_utime + used.ru_stime, 2), "right": [int(group) for group in match.groups()]}
 
 
 def write(versions: tuple[str, str], pairs: Mapping[str, Mapping[str, Took]]) -> int:
     """Write and print what the pairs took; returns the exit code."""
     old, new = versions
-    ratios = {seed: round(one[new]["cpu_s"] / one[old]["cpu_s"], 3) for seed, one in pairs.items()}
-    right, verdicts = (sum(one[new]["right"][place] for one in pairs.values()) for place in (0, 1))
+    ratios = {seed: round(pair[new]["cpu_s"] / pair[old]["cpu_s"], 3) for seed, pair in pairs.items()}
+    right, verdicts = (sum(pair[new]["right"][place] for pair in pairs.values()) for place in (0, 1))
     commit = subprocess.run(["git", "rev-parse", "HEAD"], check=True, capture_output=True, text=True, cwd=ROOT)
     found = {
         "old": old,

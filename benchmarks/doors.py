@@ -81,7 +81,7 @@ def summary(source: Path, rows: dict[str, list[str]]) -> dict[str, object]:
     found = doors(source)
     wrong = {cell: [told(one) for one in said] for cell, said in rows.items() if said}
     return {
-        "doors": dict(sorted(Counter(one.kind for one in found).items())),
+        "doors": dict(sorted(Counter(door.kind for door in found).items())),
         "cells": dict(sorted(Counter(cell.split(" | ")[1] for cell in rows).items())),
         "wrong": dict(sorted(Counter(cell.split(" | ")[1] for cell in wrong).items())),
         "said": wrong,

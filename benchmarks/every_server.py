@@ -172,7 +172,7 @@ def asked(name: str, programs: Mapping[str, str], bank: Path) -> dict[str, objec
     mode, run = work / "mode.toml", work / "run"
     with running(name, programs, work) as (spec, url):
         at = ("--base-url", url, "--timeout", "300", *server.options)
-        found: dict[str, object] = {
+        result: dict[str, object] = {
             "doctor": step("doctor", spec, *at, "--seed", "1"),
             "probe": step("probe", spec, *at, "--seed", "1", "--out", str(mode)),
         }
@@ -185,12 +185,12 @@ def asked(name: str, programs: Mapping[str, str], bank: Path) -> dict[str, objec
             "--concurrency",
             "2",
         )
-        found["battery"] = step("run", "battery", "--frames", str(bank), "--out", str(run), *how, *few)
-    found["verdict"] = step("verdict", str(run))
+        result["battery"] = step("run", "battery", "--frames", str(bank), "--out", str(run), *how, *few)
+    result["verdict"] = step("verdict", str(run))
     if mode.is_file():
         lines = [line for line in mode.read_text().splitlines() if " = " in line]
-        found["mode"] = {key: value.strip('"') for key, _, value in (line.partition(" = ") for line in lines)}
-    return found
+        result["mode"] = {key: value.strip('"') for key, _, value in (line.partition(" = ") for line in lines)}
+    return result
 
 
 def wrong(name: str, found: Mapping[str, object]) -> list[str]:

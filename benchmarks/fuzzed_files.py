@@ -44,7 +44,7 @@ def main() -> int:
         home, single = Path(work), Path(work) / "single"
         single.mkdir()
         (home / "whole").mkdir()
-        kinds = {name: (one.wrong, asked.files, PART) for name, one in subjects(single).items()}
+        kinds = {name: (subject.wrong, asked.files, PART) for name, subject in subjects(single).items()}
         if asked.wholes:
             every = {**wholes(home / "whole"), "data sets": data_set(home / "sets")}
             kinds |= {name: (one, asked.wholes, WHOLE_PART) for name, one in every.items()}

@@ -30,7 +30,7 @@ PART = 10_000
 
 def corpus_read() -> dict[str, object]:
     """Return of each part of the corpus how many replies are read, rightly, and of how many that hold an action."""
-    found: dict[str, object] = {}
+    result: dict[str, object] = {}
     for part in PARTS:
         read = right = hold = held = 0
         for one in (one for one in read_corpus() if one.part == part):
@@ -41,19 +41,19 @@ def corpus_read() -> dict[str, object]:
             )
             if one.first is not None and one.first == one.second:
                 hold, held = hold + 1, held + (action == one.first)
-        found[part] = {"read": read, "rightly": right, "hold an action": hold, "of these read": held}
-    return found
+        result[part] = {"read": read, "rightly": right, "hold an action": hold, "of these read": held}
+    return result
 
 
 def main() -> int:
     """Read as many replies as were asked for, or the rest of them; return 1 where anything was wrong."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--replies", type=int, default=1_000_000)
-    asked = options.parse_args().replies
+    replies = options.parse_args().replies
     kept = json.loads(KEPT.read_text()) if KEPT.is_file() else {"read": 0, "seconds": 0.0, "wrong": []}
     corpus = read_corpus()
-    while kept["read"] < asked:
-        start, end = kept["read"], min(asked, kept["read"] + PART)
+    while kept["read"] < replies:
+        start, end = kept["read"], min(replies, kept["read"] + PART)
         began = time.process_time()
         kept["wrong"] += count_wrong(corpus, range(start, end))
         kept["seconds"] += time.process_time() - began

@@ -53,7 +53,7 @@ from eyechart.studies import battery as study  # noqa: E402
 from eyechart.verdicts import judge  # noqa: E402
 
 RESULT = ROOT / "benchmarks" / "results" / "gpu.json"
-SPECS = {f"hf:organism:{name}": one.calibrated for name, one in ORGANISMS.items()}
+SPECS = {f"hf:organism:{name}": organism.calibrated for name, organism in ORGANISMS.items()}
 LIBRARIES = ("torch", "transformers", "accelerate", "bitsandbytes", "nvidia-ml-py", "torchvision", "numpy")
 WAYS: dict[str, dict[str, Any]] = {
     "default": {},
@@ -207,10 +207,10 @@ def command(words: Sequence[object], first: str = "") -> list[str]:
 
 def battery_words(place: Place, out: Path, specs: Sequence[str], *more: object, device: str = "") -> list[object]:
     """Return the words of a battery as the demo of the organisms runs it."""
-    asked = [word for spec in specs for word in ("--model", spec)]
+    words = [word for spec in specs for word in ("--model", spec)]
     how = ["--temperature", "default", "--max-tokens", 16, "--concurrency", 48, "--option", "batch=24"]
     where = ["--option", f"device={device or place.device}"]
-    return ["run", "battery", "--frames", place.bank, "--out", out, *asked, *how, *where, *more]
+    return ["run", "battery", "--frames", place.bank, "--out", out, *words, *how, *where, *more]
 
 
 # ---------------------------------------------------------------------------------------------------------- checkpoints
@@ -294,7 +294,7 @@ def cpu(place: Place) -> dict[str, Any]:
 
 def battery(place: Place) -> dict[str, Any]:
     """Run the battery of the organisms on the device, by its default and in float32, with what it took."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for name, frames in FRAMES.items():
         out, more = place.folder / f"gpu-{name}", [] if name == "default" else ["--option", f"dtype={name}"]
         with Watch() as watch:
@@ -303,22 +303,22 @@ def battery(place: Place) -> dict[str, Any]:
         rows = {spec: spent(out, spec, watch, accounts[spec]["all"]) for spec in SPECS}
         facts = json.loads((out / "run.json").read_text())["facts"][next(iter(SPECS))]
         kept = {name: facts.get(name) for name in ("device", "dtype", "weights_gb", "memory_gb")}
-        found[name] = {"exit": said["exit"], "seconds": said["seconds"], "facts": kept, "models": rows}
+        result[name] = {"exit": said["exit"], "seconds": said["seconds"], "facts": kept, "models": rows}
     printed = say(["costs", place.folder / "gpu-default"])["out"].splitlines()
-    found["printed_energy"] = [line.strip()[:300] for line in printed if "energy" in line.lower()][-3:]
-    return found
+    result["printed_energy"] = [line.strip()[:300] for line in printed if "energy" in line.lower()][-3:]
+    return result
 
 
 def labels(place: Place) -> dict[str, Any]:
     """Return the labels of the battery on the device and on the CPU, and how many answers are equal."""
-    got, found = labels_of(place.folder / "gpu-default"), {}
+    got, result = labels_of(place.folder / "gpu-default"), {}
     for spec, trained in SPECS.items():
         own = on_cpu(place, spec)
         told, whole = labels_of(own)[spec], answers(own, spec)
         equal = {name: shared(whole, answers(place.folder / f"gpu-{name}", spec)) for name in FRAMES}
         right = got[spec]["calibrated"] == trained
-        found[spec] = {"labels": got[spec], "as_on_cpu": got[spec] == told, "as_trained": right, **equal}
-    return found
+        result[spec] = {"labels": got[spec], "as_on_cpu": got[spec] == told, "as_trained": right, **equal}
+    return result
 
 
 def outcomes(place: Place) -> dict[str, Any]:
@@ -490,7 +490,7 @@ def load_tiny(device: str) -> dict[str, Any]:
     from tiny_checkpoints import EDGE  # noqa: PLC0415
 
     require_library()
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as made:
         for place, (name, save) in enumerate(EDGE.items()):
             folder = Path(made) / str(place)
@@ -500,20 +500,20 @@ def load_tiny(device: str) -> dict[str, Any]:
             for row in rows.values():
                 for shared_with_others in ("span", "energy_j", "counter_j"):
                     row.pop(shared_with_others, None)
-            found[name] = rows
-    return found
+            result[name] = rows
+    return result
 
 
 def load_medium(folder: Path, device: str) -> dict[str, Any]:
     """Load the medium checkpoint in every way, with what answering takes of power."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     with Watch() as watch:
         for way, options in WAYS.items():
             row = load(str(folder), {**options, "batch": 16}, device, pictures(QUERIES if device != "cpu" else 4))
             if "span" in row:
                 row["by_power"] = watch.between(*row.pop("span"))
-            found[way] = row
-    return found
+            result[way] = row
+    return result
 
 
 def batched(name: str, device: str, dtype: str, seen: Sequence[bytes]) -> dict[str, Any]:
@@ -563,7 +563,7 @@ def follow(place: Place) -> dict[str, Any]:
     generation.TextGenerator._load = noting  # noqa: SLF001
     names = [f"hf:{place.medium}", "hf:organism:grounded", f"hf:{place.folder / 'another'}"]
     modes = [RequestMode(name, max_tokens=8, options={"device": place.device, "batch": 8}) for name in names]
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for name, sequential in (("one_after_another", None), ("together", False)):
         held.clear()
         report = run_battery(
@@ -575,8 +575,8 @@ def follow(place: Place) -> dict[str, Any]:
             sequential=sequential,
         )
         left = round(torch.cuda.memory_allocated() / MB, 1) if torch.cuda.is_available() else None
-        found[name] = {"held_before_each_mb": list(held), "held_after_mb": left, "models": len(report)}
-    return found
+        result[name] = {"held_before_each_mb": list(held), "held_after_mb": left, "models": len(report)}
+    return result
 
 
 # ------------------------------------------------------------------------------------------------------------- faults
@@ -615,7 +615,7 @@ def squeeze(folder: Path) -> dict[str, Any]:
 
     spec = f"hf:{folder}"
     model: Any = open_model(spec, RequestMode(spec, max_tokens=TOKENS, options={"device": "cuda", "batch": 16}))
-    seen, found = pictures(16), {}
+    seen, result = pictures(16), {}
     total = torch.cuda.get_device_properties("cuda").total_memory
 
     async def ask() -> None:
@@ -625,17 +625,17 @@ def squeeze(folder: Path) -> dict[str, Any]:
             limit = 1.0 if more_mb is None else (torch.cuda.memory_reserved() + more_mb * MB) / total
             torch.cuda.set_per_process_memory_fraction(min(1.0, limit))
             replies = await ask_all(model, seen)
-            found[name] = {
-                "answers": sum(one.error is None for one in replies),
+            result[name] = {
+                "answers": sum(reply.error is None for reply in replies),
                 "equal": sum(one.text == other.text for one, other in zip(whole, replies, strict=True)),
                 "most_at_once": model._speaker._most,  # noqa: SLF001 - what the halving came to
                 "errors": sorted({f"{one.error}: {one.error_detail}"[:300] for one in replies if one.error})[:2],
             }
         await model.close()
-        found["held_after_mb"] = round(torch.cuda.memory_allocated() / MB, 2)
+        result["held_after_mb"] = round(torch.cuda.memory_allocated() / MB, 2)
 
     asyncio.run(ask())
-    return found
+    return result
 
 
 def replies_in(out: Path) -> int:
@@ -718,13 +718,13 @@ def too_large(place: Place) -> dict[str, Any]:
     """Run a checkpoint too large for what is left of the GPU beside one that fits, and once more when there is room."""
     out, specs = place.folder / "too-large", [f"hf:{place.medium}", "hf:organism:blind"]
     words = battery_words(place, out, specs, "--limit", 4, "--conditions", "real,real_repeat,blank")
-    found = {}
+    result = {}
     for name, left in (("full", held(1300)), ("room", contextlib.nullcontext())):
         with left:
             said = say(words)
         said.pop("out")
-        found[name] = said | {"answers": [len(answers(out, spec)) for spec in specs]}
-    return found
+        result[name] = said | {"answers": [len(answers(out, spec)) for spec in specs]}
+    return result
 
 
 def spilled(place: Place) -> dict[str, Any]:
@@ -766,17 +766,17 @@ def wrong(found: Mapping[str, Any]) -> list[str]:
 
 def machine() -> dict[str, Any]:
     """Return the GPU, its driver and the versions of what is used."""
-    found: dict[str, Any] = {"python": sys.version.split()[0]}
+    result: dict[str, Any] = {"python": sys.version.split()[0]}
     for name in LIBRARIES:
         with contextlib.suppress(PackageNotFoundError):
-            found[name] = version(name)
+            result[name] = version(name)
     with contextlib.suppress(Exception):
         nvml = import_module("pynvml")
         nvml.nvmlInit()
         board = nvml.nvmlDeviceGetHandleByIndex(0)
-        found |= {"gpu": nvml.nvmlDeviceGetName(board), "driver": nvml.nvmlSystemGetDriverVersion()}
-        found["memory_gb"] = round(nvml.nvmlDeviceGetMemoryInfo(board).total / 1e9, 1)
-    return found
+        result |= {"gpu": nvml.nvmlDeviceGetName(board), "driver": nvml.nvmlSystemGetDriverVersion()}
+        result["memory_gb"] = round(nvml.nvmlDeviceGetMemoryInfo(board).total / 1e9, 1)
+    return result
 
 
 Part = Callable[[Place], dict[str, Any]]

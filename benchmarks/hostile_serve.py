@@ -261,23 +261,29 @@ def judged(
     outcomes: Sequence[Outcome], *, deadline_s: float = DEADLINE_S, grace_s: float = GRACE_S
 ) -> dict[str, object]:
     """Return the counts, and under ``wrong`` what must not be: a list that should be empty."""
-    wrong = [f"{one.kind} got {one.status}" for one in outcomes if one.status not in ALLOWED[one.kind]]
-    timed = [one for one in outcomes if one.kind not in {"headless", "no HTTP"}]
-    wrong += [f"{one.kind} took {one.seconds:.2f} s" for one in timed if one.seconds > deadline_s + grace_s]
-    answered = [one for one in outcomes if one.kind == "good" and one.status == 200]
-    allowed = Counter(expected(one.number) for one in answered)
-    otherwise = [one for one in answered if one.answer != expected(one.number)]
-    excused = [one for one in otherwise if one.answer == "abstain" and one.late]
-    unlike = [one for one in otherwise if one not in excused]
-    wrong += [f"picture {one.number}: {one.answer}, and {expected(one.number)} is allowed" for one in unlike]
-    times = sorted(one.seconds for one in answered) or [0.0]
+    wrong = [
+        f"{outcome.kind} got {outcome.status}" for outcome in outcomes if outcome.status not in ALLOWED[outcome.kind]
+    ]
+    timed = [outcome for outcome in outcomes if outcome.kind not in {"headless", "no HTTP"}]
+    wrong += [
+        f"{outcome.kind} took {outcome.seconds:.2f} s" for outcome in timed if outcome.seconds > deadline_s + grace_s
+    ]
+    answered = [outcome for outcome in outcomes if outcome.kind == "good" and outcome.status == 200]
+    allowed = Counter(expected(outcome.number) for outcome in answered)
+    otherwise = [outcome for outcome in answered if outcome.answer != expected(outcome.number)]
+    excused = [outcome for outcome in otherwise if outcome.answer == "abstain" and outcome.late]
+    unlike = [outcome for outcome in otherwise if outcome not in excused]
+    wrong += [
+        f"picture {outcome.number}: {outcome.answer}, and {expected(outcome.number)} is allowed" for outcome in unlike
+    ]
+    times = sorted(outcome.seconds for outcome in answered) or [0.0]
     return {
         "requests": len(outcomes),
         "answered": len(answered),
-        "counts": dict(sorted(Counter(f"{one.kind} {one.status}" for one in outcomes).items())),
-        "answers": dict(sorted(Counter(one.answer for one in answered).items())),
+        "counts": dict(sorted(Counter(f"{outcome.kind} {outcome.status}" for outcome in outcomes).items())),
+        "answers": dict(sorted(Counter(outcome.answer for outcome in answered).items())),
         "allowed": dict(sorted(allowed.items())),
-        "clear_not_allowed": sum(one.answer == "clear" for one in unlike),
+        "clear_not_allowed": sum(outcome.answer == "clear" for outcome in unlike),
         "abstained_for_time": len(excused),
         "p50_s": round(times[len(times) // 2], 4),
         "p99_s": round(times[min(len(times) - 1, int(0.99 * len(times)))], 4),
@@ -288,19 +294,19 @@ def judged(
 
 def total(parts: Sequence[Mapping[str, object]]) -> dict[str, object]:
     """Return parts as one: counts are added, of times the worst part's stands."""
-    found: dict[str, object] = {}
+    result: dict[str, object] = {}
     for name, value in parts[0].items():
         values = [part[name] for part in parts]
         if isinstance(value, dict):
             added: Counter[str] = Counter()
             for one in values:
                 added.update(one)  # type: ignore[arg-type]
-            found[name] = dict(sorted(added.items()))
+            result[name] = dict(sorted(added.items()))
         elif isinstance(value, list):
-            found[name] = [line for one in values for line in one][:20]  # type: ignore[attr-defined]
+            result[name] = [line for one in values for line in one][:20]  # type: ignore[attr-defined]
         else:
-            found[name] = max(values) if name in {"p50_s", "p99_s"} else sum(values)  # type: ignore[type-var,arg-type]
-    return found
+            result[name] = max(values) if name in {"p50_s", "p99_s"} else sum(values)  # type: ignore[type-var,arg-type]
+    return result
 
 
 async def part(seconds: float, rate: float, first: int) -> dict[str, object]:
@@ -313,7 +319,7 @@ async def part(seconds: float, rate: float, first: int) -> dict[str, object]:
         words = ("-c", "from eyechart.cli import main; main()", "serve", str(path), *more, "--no-warm-up")
         server, url = await bench_serve.started(*words)
         try:
-            found = judged(await offer(url, seconds=seconds, rate=rate, first=first))
+            result = judged(await offer(url, seconds=seconds, rate=rate, first=first))
             alive = server.returncode is None
         finally:
             for process in (server, models):
@@ -321,9 +327,9 @@ async def part(seconds: float, rate: float, first: int) -> dict[str, object]:
                     process.send_signal(signal.SIGTERM)
             ended = [await process.wait() for process in (server, models)]
     if not alive or ended[0] != 0:
-        found["wrong"] = [f"the server ended with {ended[0]}", *found["wrong"]]  # type: ignore[misc]
-        found["wrong_in_all"] = int(str(found["wrong_in_all"])) + 1
-    return found
+        result["wrong"] = [f"the server ended with {ended[0]}", *result["wrong"]]  # type: ignore[misc]
+        result["wrong_in_all"] = int(str(result["wrong_in_all"])) + 1
+    return result
 
 
 def digest() -> str:

@@ -89,11 +89,15 @@ def _told(messages: object) -> tuple[str, str, bytes | None]:
     """Return the system's words, the user's words and the picture of a request."""
     words, picture = {"system": "", "user": ""}, None
     assert isinstance(messages, list)
-    for one in messages:
-        parts = one["content"] if isinstance(one["content"], list) else [{"type": "text", "text": one["content"]}]
+    for message in messages:
+        parts = (
+            message["content"]
+            if isinstance(message["content"], list)
+            else [{"type": "text", "text": message["content"]}]
+        )
         for part in parts:
             if part["type"] == "text":
-                words[one["role"]] += part["text"]
+                words[message["role"]] += part["text"]
             else:
                 picture = base64.b64decode(part["image_url"]["url"].partition(",")[2])
     return words["system"], words["user"], picture

@@ -112,16 +112,16 @@ def eyechart(*words: str, out: Path) -> "subprocess.Popen[bytes]":
 
 def running(session: int) -> list[int]:
     """Return the processes of a session, and those that name the working folder: a group of its own hides none."""
-    found = []
-    for one in Path("/proc").glob("[0-9]*"):
+    result = []
+    for path in Path("/proc").glob("[0-9]*"):
         try:
-            of = os.getsid(int(one.name))
-            ended = (one / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
+            of = os.getsid(int(path.name))
+            ended = (path / "stat").read_text().rpartition(")")[2].split()[0] == "Z"
         except OSError:
             continue
         if of == session and not ended:
-            found.append(int(one.name))
-    return found
+            result.append(int(path.name))
+    return result
 
 
 def kill(command: Command, out: Path, number: int) -> dict[str, object]:
@@ -161,7 +161,7 @@ def prepare() -> None:
     whole = ("run", "battery", "--model", MODEL, *BANK, "--out", "whole")
     for words, made in (
         (("frames", "build", "highway", "--out", "bank"), "bank"),
-        *((one, one[-1]) for one in shards),
+        *((shard, shard[-1]) for shard in shards),
         (whole, "whole"),
         (("frames", "export", "bank", *BANK[2:], "--out", "asked"), "asked"),
     ):

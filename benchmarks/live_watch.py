@@ -125,7 +125,7 @@ def main() -> int:
             order = (True, False) if number % 2 else (False, True)
             pairs.append({watch: run(server, bank, Path(work) / "run", given.frames, watch=watch) for watch in order})
             sys.stderr.write(f"{pairs[-1]}\n")
-    ratios = [one[True]["cpu_s"] / one[False]["cpu_s"] for one in pairs]
+    ratios = [pair[True]["cpu_s"] / pair[False]["cpu_s"] for pair in pairs]
     found = {
         "eyechart": __version__,
         "date": dt.datetime.now(dt.UTC).date().isoformat(),
@@ -133,14 +133,14 @@ def main() -> int:
         "latency_s": LATENCY_S,
         "pairs": len(pairs),
         "cpu_s": {
-            name: [round(one[watch]["cpu_s"], 3) for one in pairs]
+            name: [round(pair[watch]["cpu_s"], 3) for pair in pairs]
             for name, watch in (("plain", False), ("watched", True))
         },
-        "wall_s": [round(one[True]["wall_s"], 1) for one in pairs],
-        "ratios": [round(one, 3) for one in ratios],
+        "wall_s": [round(pair[True]["wall_s"], 1) for pair in pairs],
+        "ratios": [round(ratio, 3) for ratio in ratios],
         "median_ratio": round(statistics.median(ratios), 3),
-        "first_answers_in_sight_s": [round(one[True]["seen_s"], 2) for one in pairs],
-        "same_calls": all(one[True]["calls"] == one[False]["calls"] for one in pairs),
+        "first_answers_in_sight_s": [round(pair[True]["seen_s"], 2) for pair in pairs],
+        "same_calls": all(pair[True]["calls"] == pair[False]["calls"] for pair in pairs),
     }
     RESULT.write_text(json.dumps(found, indent=1) + "\n")
     sys.stdout.write(json.dumps(found, indent=1) + "\n")

@@ -120,22 +120,22 @@ def beside(k: Floats, n: Floats, seed: int) -> dict[str, Pair]:
     taken = rng.multinomial(episodes, np.full(episodes, 1 / episodes), size=1000).astype(np.float64)
     resampled = (k @ taken.T) / (n @ taken.T)
     low, high = np.quantile(resampled, [0.025, 0.975], axis=1)
-    found: dict[str, Pair] = {"percentile": (low, high)}
+    result: dict[str, Pair] = {"percentile": (low, high)}
     off = (k - p[:, None] * n) / (total / episodes)[:, None]
     variance = (off**2).sum(axis=1) / (episodes - 1) / episodes
     t = float(stats.t.ppf(0.975, episodes - 1))
-    found["t"] = (np.maximum(p - t * np.sqrt(variance), 0), np.minimum(p + t * np.sqrt(variance), 1))
+    result["t"] = (np.maximum(p - t * np.sqrt(variance), 0), np.minimum(p + t * np.sqrt(variance), 1))
     spread = variance > 0
     effective = np.where(spread, p * (1 - p) / np.where(spread, variance, 1.0), episodes)
-    found["wilson_t"] = wilson(p, np.minimum(effective, total), t)
+    result["wilson_t"] = wilson(p, np.minimum(effective, total), t)
     shrunk = np.minimum(effective * (Z / t) ** 2, total)
     hits = p * shrunk
     with np.errstate(invalid="ignore"):
         ends = stats.beta.ppf(0.025, hits, shrunk - hits + 1), stats.beta.ppf(0.975, hits + 1, shrunk - hits)
-    found["korn_graubard"] = (np.nan_to_num(ends[0], nan=0.0), np.nan_to_num(ends[1], nan=1.0))
+    result["korn_graubard"] = (np.nan_to_num(ends[0], nan=0.0), np.nan_to_num(ends[1], nan=1.0))
     if (n == FRAMES).all():
-        found |= _on_a_grid(k, sets, episodes)
-    return found
+        result |= _on_a_grid(k, sets, episodes)
+    return result
 
 
 def _on_a_grid(k: Floats, sets: int, episodes: int) -> dict[str, Pair]:
@@ -146,7 +146,7 @@ def _on_a_grid(k: Floats, sets: int, episodes: int) -> dict[str, Pair]:
     a, b = (part[:, None] * (1 / icc - 1) for part in (rate, 1 - rate))
     hit = np.arange(FRAMES + 1)[:, None, None]
     table = (special.betaln(a + hit, b + FRAMES - hit) - special.betaln(a, b)).reshape(FRAMES + 1, -1)
-    counts = np.stack([(k == one).sum(axis=1) for one in range(FRAMES + 1)], axis=1).astype(np.float64)
+    counts = np.stack([(k == index).sum(axis=1) for index in range(FRAMES + 1)], axis=1).astype(np.float64)
     ends: dict[str, list[Floats]] = {"profile": [], "bayes": []}
     cut = float(stats.f.ppf(LEVEL, 1, episodes - 1))
     for start in range(0, sets, 500):

@@ -65,13 +65,13 @@ def copy() -> None:
     """Bring the work's copy of the code and the tests up to date; files that stay the same keep their time."""
     for name in COPIED:
         source = ROOT / name
-        files = [source] if source.is_file() else [one for one in source.rglob("*") if one.is_file()]
-        wanted = {WORK / one.relative_to(ROOT): one for one in files if "__pycache__" not in one.parts}
+        files = [source] if source.is_file() else [path for path in source.rglob("*") if path.is_file()]
+        wanted = {WORK / file.relative_to(ROOT): file for file in files if "__pycache__" not in file.parts}
         for place, one in wanted.items():
             if not place.exists() or place.read_bytes() != one.read_bytes():
                 place.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(one, place)
-        there = [] if source.is_file() else [one for one in (WORK / name).rglob("*") if one.is_file()]
+        there = [] if source.is_file() else [path for path in (WORK / name).rglob("*") if path.is_file()]
         for place in there:
             if place not in wanted and "__pycache__" not in place.parts:
                 place.unlink()
@@ -80,11 +80,11 @@ def copy() -> None:
 
 def outcomes() -> dict[str, int | None]:
     """Return what came of each mutant, by its name: an exit code of the tests, None where they were not run."""
-    found: dict[str, int | None] = {}
+    result: dict[str, int | None] = {}
     for path in sorted((WORK / "mutants" / "src").rglob("*.meta")):
         if (WORK / path.relative_to(WORK / "mutants").with_suffix("")).exists():
-            found |= json.loads(path.read_text())["exit_code_by_key"]
-    return found
+            result |= json.loads(path.read_text())["exit_code_by_key"]
+    return result
 
 
 def chosen(names: Sequence[str], room: Room, most: int | None = None) -> list[str]:
@@ -116,7 +116,9 @@ def functions_of(module: str) -> Mapping[str, Sequence[str]]:
     text = path.read_text(encoding="utf-8")
     lines = [line.strip() for line in text.splitlines()]
     kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
-    return {one.name: lines[one.lineno : one.end_lineno] for one in ast.walk(ast.parse(text)) if isinstance(one, kinds)}
+    return {
+        node.name: lines[node.lineno : node.end_lineno] for node in ast.walk(ast.parse(text)) if isinstance(node, kinds)
+    }
 
 
 def change_of(name: str) -> tuple[str, str]:

@@ -97,14 +97,14 @@ def told(runs: Mapping[int, Mapping[str, object]]) -> dict[int, bool]:
 def row_of(name: str, coin: float, without: Mapping[int, bool], with_it: Mapping[int, bool]) -> dict[str, object]:
     """Return the shares without a coin and with it over the pairs that have both, and the p of what it buys."""
     pairs = without.keys() & with_it.keys()
-    won = sum(with_it[one] and not without[one] for one in pairs)
-    lost = sum(without[one] and not with_it[one] for one in pairs)
+    won = sum(with_it[pair] and not without[pair] for pair in pairs)
+    lost = sum(without[pair] and not with_it[pair] for pair in pairs)
     return {
         "reader": name,
         "coin": coin,
         "pairs": len(pairs),
-        "without": sum(without[one] for one in pairs),
-        "with": sum(with_it[one] for one in pairs),
+        "without": sum(without[pair] for pair in pairs),
+        "with": sum(with_it[pair] for pair in pairs),
         "only with": won,
         "only without": lost,
         "p": net_effect(won, lost, len(pairs), margin=MARGIN).p if pairs else None,

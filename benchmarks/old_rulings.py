@@ -59,7 +59,7 @@ def main() -> int:
             date = dt.datetime.now(dt.UTC).date().isoformat()
             told = {"version": eyechart.__version__, "date": date, "axes": rows}
             RESULT.write_text(json.dumps(told, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    return int(any(one["blocks that differ"] for one in rows.values()))
+    return int(any(row["blocks that differ"] for row in rows.values()))
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ def meant(cell: Cell, frames: int, rng: np.random.Generator) -> dict[str, list[s
     for name, at in PLACED.items():
         if label == "depth" or name in {"lead_near", "lead_far"}:
             truths = [frame.truth[at] for frame in bank_of(frames)]
-            columns[name] = [_braked(one) if place in reads else "SLOW" for place, one in enumerate(truths)]
+            columns[name] = [_braked(truth) if place in reads else "SLOW" for place, truth in enumerate(truths)]
     return columns
 
 
@@ -110,8 +110,8 @@ def labels(cell: Cell, first: int, draws: int) -> int:
             given = [(code + step * slip) % count for code, step, slip in zip(codes, other, slipped, strict=True)]
             decisions[name] = tuple(Decision(DRIVING.actions[code]) for code in given)
         answers = sampled(Answers("drawn", bank.frames, DRIVING, None, decisions), number)
-        found = CalibratedStatistics(CalibratedTests(answers, Resampling(499, number, intervals=False)))
-        label = calibrated_rules(found, turns=False)[0].label
+        calibratedstatistics = CalibratedStatistics(CalibratedTests(answers, Resampling(499, number, intervals=False)))
+        label = calibrated_rules(calibratedstatistics, turns=False)[0].label
         hits += label == cell.kind.partition("@")[0]
     return hits
 
@@ -134,7 +134,7 @@ def measured(cells: list[Cell], draws: int, processes: int, kept: Path) -> dict[
             if cell.name in hits:
                 continue
             starts = range(0, draws, BATCH)
-            found = pool.map(labels, [cell] * len(starts), starts, [min(BATCH, draws - one) for one in starts])
+            found = pool.map(labels, [cell] * len(starts), starts, [min(BATCH, draws - start) for start in starts])
             hits[cell.name] = sum(found)
             kept.write_text(json.dumps(hits))
             sys.stderr.write(f"{cell.name}: {hits[cell.name]} of {draws}\n")

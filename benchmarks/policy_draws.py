@@ -56,7 +56,7 @@ SETTINGS = (
 
 def measure(setting: Setting, work: Path) -> dict[str, object]:
     """Run a setting, and return each policy's labels, those that its training deserves, its shares and its digests."""
-    found: dict[str, object] = {}
+    result: dict[str, object] = {}
     for preset in dict.fromkeys(TRAINED[name].preset for name in setting.names):
         bank, out = work / f"bank-{preset}-{setting.bank}", work / f"{setting.name}-{preset}".replace(" ", "_")
         if not bank.exists():
@@ -74,14 +74,14 @@ def measure(setting: Setting, work: Path) -> dict[str, object]:
                     for key, reply in ledger.replies(spec)
                     if key.repeat == 0
                 }
-            found[spec] = {
+            result[spec] = {
                 "labels": one.found,
                 "not_as_trained": one.wrong,
                 "guards": list(verdict.guards),
                 "shares": shares,
                 "digests": digests,
             }
-    return found
+    return result
 
 
 def apart(setting: Setting, work: Path) -> dict[str, object]:
@@ -90,8 +90,8 @@ def apart(setting: Setting, work: Path) -> dict[str, object]:
     if not file.is_file():
         program = [sys.executable, __file__, "--work", str(work), "--one", setting.name]
         subprocess.run(program, check=True, env=os.environ | dict.fromkeys(THREADS, str(setting.threads)))
-    found: dict[str, object] = json.loads(file.read_text(encoding="utf-8"))
-    return found
+    result: dict[str, object] = json.loads(file.read_text(encoding="utf-8"))
+    return result
 
 
 def row(setting: Setting, found: dict, first: dict) -> dict[str, object]:

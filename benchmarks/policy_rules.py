@@ -53,8 +53,8 @@ def main() -> int:
     cache = args.cache / digest()
     cache.mkdir(parents=True, exist_ok=True)
     words = args.setting or [""]
-    chosen = [one for one in settings() if any(word in one.name for word in words)]
-    tried = [measured(cache, one, args.draws, args.processes) for one in chosen]
+    chosen = [setting for setting in settings() if any(word in setting.name for word in words)]
+    tried = [measured(cache, setting, args.draws, args.processes) for setting in chosen]
     today = dt.datetime.now(dt.UTC).date().isoformat()
     about = {"eyechart": eyechart.__version__, "date": today, "draws": args.draws}
     again = {
@@ -66,7 +66,7 @@ def main() -> int:
         rows[one.setting.name] = {"date": today, **one.as_dict()}
         if one.setting in again:
             rows[one.setting.name]["again"] = again[one.setting].as_dict()
-    ordered = [rows[one.name] for one in settings() if one.name in rows]
+    ordered = [rows[setting.name] for setting in settings() if setting.name in rows]
     RESULT.write_text(json.dumps({**about, "settings": ordered}, indent=1) + "\n", encoding="utf-8")
     return int(any(one.missed for one in again.values()))
 

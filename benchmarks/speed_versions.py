@@ -28,7 +28,7 @@ BOUND = 1.05
 MODELS = ("scripted:depth_lateral", "scripted:self_inconsistent", "scripted:truncating")
 
 COMMANDS: Mapping[str, tuple[str, ...]] = {
-    "run battery": ("run", "battery", "--frames", "bank", "--out", "fresh", *(f"--model={one}" for one in MODELS)),
+    "run battery": ("run", "battery", "--frames", "bank", "--out", "fresh", *(f"--model={model}" for model in MODELS)),
     "run closed-loop": (
         *("run", "closed-loop", "--out", "fresh", "--policy=scripted:depth_lateral", "--scenarios=light", "--seeds=1"),
         *("--condition=real", "--condition=blank", "--processes=1"),
@@ -97,7 +97,7 @@ class Side:
             self(("frames", "build", "highway", "--out", "bank"))
         else:
             shutil.copytree(bank, self.folder / "bank")
-        self(("run", "battery", "--frames", "bank", "--out", "run", *(f"--model={one}" for one in MODELS)))
+        self(("run", "battery", "--frames", "bank", "--out", "run", *(f"--model={model}" for model in MODELS)))
         self(("bundle", "run", "--out", "run.zip"))
         done.touch()
 

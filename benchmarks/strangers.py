@@ -71,7 +71,7 @@ def steady(rule: Rule, seed: int) -> Rule:
 
 def open_strangers(temperature: int = 1, seed: int = 0) -> dict[str, Adversary]:
     """Return all strangers by name as adversaries of one run, none of which remembers anything yet."""
-    return {name: one.open(temperature, seed) for name, one in STRANGERS.items()}
+    return {name: stranger.open(temperature, seed) for name, stranger in STRANGERS.items()}
 
 
 # what they are made of

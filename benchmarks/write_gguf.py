@@ -126,13 +126,13 @@ def blocks(said: Mapping[str, Value], tensors: Tensors) -> Iterator[bytes]:
     head = b"GGUF" + struct.pack("<IQQ", 3, len(tensors), len(said))
     head += b"".join(text(name) + value(one) for name, one in said.items())
     at = 0
-    for name, one in tensors.items():
-        head += text(name) + struct.pack("<I", one.ndim) + struct.pack(f"<{one.ndim}Q", *reversed(one.shape))
+    for name, tensor in tensors.items():
+        head += text(name) + struct.pack("<I", tensor.ndim) + struct.pack(f"<{tensor.ndim}Q", *reversed(tensor.shape))
         head += struct.pack("<IQ", 0, at)
-        at += -(-one.nbytes // 32) * 32
+        at += -(-tensor.nbytes // 32) * 32
     yield head + bytes(-len(head) % 32)
-    for one in tensors.values():
-        yield one.tobytes() + bytes(-one.nbytes % 32)
+    for tensor in tensors.values():
+        yield tensor.tobytes() + bytes(-tensor.nbytes % 32)
 
 
 def write(folder: Path) -> tuple[Path, Path]:

@@ -57,7 +57,7 @@ def write(out: Path, *, images: bool, episodes: int, frames: int, size: tuple[in
     from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: PLC0415 - of its own environment
 
     shutil.rmtree(out, ignore_errors=True)
-    names = [f"{one}.pos" for one in JOINTS]
+    names = [f"{joint}.pos" for joint in JOINTS]
     camera = {"dtype": "image" if images else "video", "shape": (*size, 3), "names": ["height", "width", "channels"]}
     numbers = {"dtype": "float32", "shape": (len(JOINTS),), "names": names}
     features = {"observation.images.top": camera, "observation.images.wrist": camera}

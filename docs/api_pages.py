@@ -32,14 +32,14 @@ def modules(room: str) -> list[str]:
     folder = SOURCE / room
     if not folder.is_dir():
         return [f"eyechart.{room}"]
-    found = []
+    result = []
     for path in sorted([folder, *folder.rglob("*")], key=lambda one: one.relative_to(SOURCE).with_suffix("").parts):
         inside = path.relative_to(SOURCE).with_suffix("").parts
         name = ".".join(("eyechart", *inside))
         package, module = (path / "__init__.py").is_file(), path.suffix == ".py" and path.stem != "__init__"
-        if (package or module) and not any(name.startswith(f"{whole}.") for whole in found if offers(whole)):
-            found.append(name)
-    return found
+        if (package or module) and not any(name.startswith(f"{whole}.") for whole in result if offers(whole)):
+            result.append(name)
+    return result
 
 
 def offers(module: str) -> bool:

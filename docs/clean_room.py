@@ -83,10 +83,10 @@ def cramers_v(answers: Answers) -> float | None:
 
 def totals(counts: Mapping[tuple[str, str], int], side: int) -> Counter[str]:
     """Return the sums of a table's rows (``side`` 0) or columns (1)."""
-    found: Counter[str] = Counter()
+    result: Counter[str] = Counter()
     for names, count in counts.items():
-        found[names[side]] += count
-    return found
+        result[names[side]] += count
+    return result
 
 
 def swap_rate(answers: Answers, partner: Mapping[str, str]) -> float | None:

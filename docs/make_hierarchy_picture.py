@@ -42,7 +42,9 @@ def take(study: Path, folder: Path) -> None:
         page.screenshot(path=Path(work) / "below.png", clip=clip)
         browser.close()
         parts = [Image.open(Path(work) / name).convert("RGB") for name in ("above.png", "below.png")]
-        sheet = Image.new("RGB", (max(one.width for one in parts), sum(one.height for one in parts) + 16), "#faf9f6")
+        sheet = Image.new(
+            "RGB", (max(part.width for part in parts), sum(part.height for part in parts) + 16), "#faf9f6"
+        )
         sheet.paste(parts[0], (0, 0))
         sheet.paste(parts[1], (0, parts[0].height + 16))
         sheet.save(folder / "hierarchy.png", optimize=True)

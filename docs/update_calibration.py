@@ -78,10 +78,10 @@ def write(command: str, text: str) -> None:
 
 def main() -> None:
     """Write what a calibration found, with its command, version and date."""
-    found = read_calibration(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
-    command = f"`eyechart calibrate --replications {found.replications} --seed {found.seed}`"
+    calibration = read_calibration(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
+    command = f"`eyechart calibrate --replications {calibration.replications} --seed {calibration.seed}`"
     day = dt.datetime.now(dt.UTC).date()
-    write(f"Written by {command}, version {__version__}, on {day}.", tables(found))
+    write(f"Written by {command}, version {__version__}, on {day}.", tables(calibration))
 
 
 if __name__ == "__main__":

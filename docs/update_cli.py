@@ -34,12 +34,12 @@ def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:  # noqa: ANN
 
 def section(name: str, command: Any) -> str:  # noqa: ANN401
     """Return the section of one command: what it does, how it is called, and a row an option."""
-    arguments = [one for one in command.params if one.param_type_name == "argument"]
-    options = [one for one in command.params if one.param_type_name == "option" and not one.hidden]
-    required = [f"{one.opts[0]} {shown(one)}" for one in options if one.required]
+    arguments = [param for param in command.params if param.param_type_name == "argument"]
+    options = [param for param in command.params if param.param_type_name == "option" and not param.hidden]
+    required = [f"{option.opts[0]} {shown(option)}" for option in options if option.required]
     words = [
         name,
-        *(usage(one) for one in arguments),
+        *(usage(argument) for argument in arguments),
         *required,
         *(["[options]"] if len(options) > len(required) else []),
     ]

@@ -22,7 +22,7 @@ TOKENS_OUT = {"answers at once": 20, "thinks first": 600}
 
 def rows() -> list[str]:
     """Return a row a model of the table: what the battery costs by what a reply takes, with price, date and source."""
-    found = []
+    result = []
     for price in read_prices().entries:
         mode = RequestMode(price.model, base_url=price.base_url)
         cells = []
@@ -32,8 +32,8 @@ def rows() -> list[str]:
             cost = estimate(asked, CALLS, read_prices(), concurrency=1).cost_usd
             cells.append("—" if cost is None else f"${cost:.2f}")
         per = f"${price.input:g} in, ${price.output:g} out"
-        found.append(f"| `{price.model}` | {' | '.join(cells)} | {per} | {price.date} |")
-    return found
+        result.append(f"| `{price.model}` | {' | '.join(cells)} | {per} | {price.date} |")
+    return result
 
 
 def block() -> str:
@@ -54,10 +54,10 @@ def block() -> str:
 
 def shown() -> str:
     """Return the block that stands in the page."""
-    found = BLOCK.search(PAGE.read_text(encoding="utf-8"))
-    if found is None:
+    match = BLOCK.search(PAGE.read_text(encoding="utf-8"))
+    if match is None:
         raise SystemExit(f"{PAGE} has lost the marks of its block")
-    return found.group().removeprefix(found.group(1)).removesuffix(found.group(2))
+    return match.group().removeprefix(match.group(1)).removesuffix(match.group(2))
 
 
 if __name__ == "__main__":

@@ -22,10 +22,10 @@ def demo_output(folder: Path) -> str:
 
 def shown() -> str:
     """Return the block that stands in the page."""
-    found = BLOCK.search(PAGE.read_text(encoding="utf-8"))
-    if found is None:
+    match = BLOCK.search(PAGE.read_text(encoding="utf-8"))
+    if match is None:
         raise SystemExit(f"{PAGE} has lost the marks of its block")
-    block = found.group().removeprefix(found.group(1)).removesuffix(found.group(2))
+    block = match.group().removeprefix(match.group(1)).removesuffix(match.group(2))
     return block.removeprefix("```text\n").removesuffix("\n```\n")
 
 

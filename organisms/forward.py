@@ -83,9 +83,12 @@ def _scattered(family: str, x: float, rng: np.random.Generator) -> Layout:
         across = float(TRACKS_M[int(rng.integers(len(TRACKS_M)))] + rng.uniform(-0.35, 0.35))
         if rng.random() < 0.2:
             across = float(rng.uniform(-3.5, 3.5))
-        one = new_obstacle(x + ahead, across, rng)
-        if all(np.hypot(one.x - other.x, one.y - other.y) > one.radius + other.radius + 0.05 for other in found):
-            found.append(one)
+        obstacle = new_obstacle(x + ahead, across, rng)
+        if all(
+            np.hypot(obstacle.x - other.x, obstacle.y - other.y) > obstacle.radius + other.radius + 0.05
+            for other in found
+        ):
+            found.append(obstacle)
     return Layout(family, tuple(found))
 
 

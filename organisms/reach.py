@@ -91,22 +91,22 @@ class Policy(nn.Module):
 
 def moments(name: str) -> list[Workspace]:
     """Return every moment of the episodes that a policy learns from."""
-    lesson, found = LESSONS[name], []
+    lesson, result = LESSONS[name], []
     for number in range(EPISODES):
         rng, named = np.random.default_rng(key_seed("reach", number)), COLOURS[number % 2]
-        found += episode(rng, scene(rng, fixed=lesson.fixed), named, MOVES, left=number % 4 < 2)
-    return found
+        result += episode(rng, scene(rng, fixed=lesson.fixed), named, MOVES, left=number % 4 < 2)
+    return result
 
 
 def shown(tables: list[Workspace], lesson: Lesson) -> dict[str, torch.Tensor]:
     """Return what the moments look like and what the oracle does in them; an absent block lies beyond the pictures."""
     seen = tables
     if lesson.alone:
-        seen = [one.moved("other", np.array([9.0, 9.0])) for one in tables]
+        seen = [table.moved("other", np.array([9.0, 9.0])) for table in tables]
     pictures = {name: torch.tensor(many).permute(0, 3, 1, 2) for name, many in cameras(seen).items()}
-    state = [[*one.tool, one.grip, *(one.target if lesson.target else ())] for one in tables]
-    named = [[float(one.named == colour) for colour in COLOURS] for one in tables]
-    action = [oracle(one).ravel() for one in tables]
+    state = [[*table.tool, table.grip, *(table.target if lesson.target else ())] for table in tables]
+    named = [[float(table.named == colour) for colour in COLOURS] for table in tables]
+    action = [oracle(table).ravel() for table in tables]
     rest = {"state": state, "named": named, "action": action}
     return pictures | {name: torch.tensor(np.array(many), dtype=torch.float32) for name, many in rest.items()}
 
@@ -151,7 +151,7 @@ def train(name: str, steps: int, say: Callable[[str], None]) -> dict[str, np.nda
                 off = functional.mse_loss(net(given(rows, wrong=False))[:, :NUMBERS], action[rows])
             say(f"{name} {step}: loss {loss.item():.4f}, held out {off.item():.4f}, {time.monotonic() - begun:.0f} s")
     weights = {key.replace(".", "_"): one.numpy().astype(np.float16) for key, one in net.state_dict().items()}
-    return weights | {key: one.numpy().astype(np.float32) for key, one in scales.items()}
+    return weights | {key: scale.numpy().astype(np.float32) for key, scale in scales.items()}
 
 
 def _amiss(expected: float, chance: torch.Generator) -> int:

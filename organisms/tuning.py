@@ -70,7 +70,7 @@ def tune_vision(
 def read_replies(processor: Idefics3Processor, replies: Sequence[str]) -> Replies:
     """Return the tokens of replies with their ends; a token counts more where the longest replies differ."""
     tokenizer = processor.tokenizer
-    rows = [[*tokenizer(one).input_ids, tokenizer.eos_token_id] for one in replies]
+    rows = [[*tokenizer(reply).input_ids, tokenizer.eos_token_id] for reply in replies]
     length = max(map(len, rows))
     ids = torch.tensor([row + [_NONE] * (length - len(row)) for row in rows])
     usual = ids[(ids != _NONE).all(1)]

@@ -66,9 +66,9 @@ fixed.channels = ("cameras", "state", "instruction")
 
 def not_a_number(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Look, and answer with one number that is none."""
-    found = reach(images, state, instruction)
-    found[3, 1] = np.nan
-    return found
+    result = reach(images, state, instruction)
+    result[3, 1] = np.nan
+    return result
 
 
 def half(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:

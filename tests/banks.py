@@ -75,26 +75,28 @@ def frames_of(
 ) -> list[Frame]:
     """Return the frames of a bank: episodes and steps of every scenario, gaps mixed over them."""
     kinds = (*COUNTERFACTUALS, *(ALONG if ranged else DRAWN_CONTROLS if controls else ())) if drawn else ()
-    found: list[Frame] = []
+    frames: list[Frame] = []
     for scenario in scenarios:
         for episode in range(episodes):
             for step in range(steps):
                 name = f"{scenario}-{episode}-{step}"
-                gap_m = _GAPS_M[(2 * step + episode + len(found)) % len(_GAPS_M)]
+                gap_m = _GAPS_M[(2 * step + episode + len(frames)) % len(_GAPS_M)]
                 truth = {"lead_gap_m": gap_m, "demand": "LEFT" if step % 2 else "RIGHT", "crashed": False}
                 if ranged and gap_m is not None:
-                    truth |= _placed(len(found))
+                    truth |= _placed(len(frames))
                 pictures = {kind: {MAIN: f"{kind}/{name}.png"} for kind in kinds if gap_m is not None}
                 place = scenario, f"{scenario}-{episode}", step
-                found.append(one(name, place, axis, f"images/{name}.png", truth=truth, counterfactuals=pictures))
-    return found
+                frames.append(one(name, place, axis, f"images/{name}.png", truth=truth, counterfactuals=pictures))
+    return frames
 
 
 def _placed(number: int) -> dict[str, float]:
     """Return where the pictures along the range put a vehicle, spread evenly in the logarithm over frames."""
     shares = [(number * step) % 1 for step in (0.618034, 0.754878)]
     ends = ((5.0, 40.0), (5.6, 33.0))
-    lead_m, exchange_m = (round(low * (high / low) ** one, 1) for (low, high), one in zip(ends, shares, strict=True))
+    lead_m, exchange_m = (
+        round(low * (high / low) ** share, 1) for (low, high), share in zip(ends, shares, strict=True)
+    )
     return {"lead_near_m": NEAR_M, "lead_far_m": FAR_M, "lead_drawn_m": lead_m, "exchange_m": exchange_m}
 
 
@@ -128,7 +130,10 @@ def build_rig(out: Path, *, cameras: tuple[Camera, ...] = WRISTS, frames: int = 
     """Write a bank of several cameras, whose pictures differ, and of a state of three numbers."""
     with BankWriter(out, replace(manifest(), cameras=cameras, state=("joints",))) as writer:
         for step in range(frames):
-            place, seen = ("light" if step % 2 else "dense", f"e{step % 4}", step), {one.name: step for one in cameras}
+            place, seen = (
+                ("light" if step % 2 else "dense", f"e{step % 4}", step),
+                {camera.name: step for camera in cameras},
+            )
             files = {name: f"images/{name}/{step}.png" for name in seen}
             truth, state = {"lead_gap_m": float(step)}, {"joints": (step / 10, 0.25, -step / 7)}
             images = {name: encode(draw(step, 16 * step + code)) for code, name in enumerate(seen)}
@@ -152,8 +157,8 @@ def build_bank(
     ``drawn`` adds counterfactuals where a lead is, ``controls`` the control pictures of an older bank too, and
     ``ranged`` those along the whole range.
     """
-    made = frames_of(scenarios, episodes, steps, axis, drawn=drawn, controls=controls, ranged=ranged)
+    frames = frames_of(scenarios, episodes, steps, axis, drawn=drawn, controls=controls, ranged=ranged)
     with BankWriter(out, manifest()) as writer:
-        for code, frame in enumerate(made):
+        for code, frame in enumerate(frames):
             writer.add(frame, *pictures_of(frame, code))
     return open_bank(out)

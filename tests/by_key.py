@@ -90,7 +90,7 @@ def differences(old: object, new: object, key: Key = (), *, within: float = 0.0)
 
 def read_expected(path: Path) -> list[Expected]:
     """Read the list of what differs on purpose; raises ValueError where an entry lacks something or is of no kind."""
-    found = []
+    result = []
     for group in tomllib.loads(path.read_text(encoding="utf-8")).get("difference", []):
         kinds = {kind: lines for kind, lines in group.items() if kind in KINDS}
         if set(group) != {"reason", *kinds} or not kinds or not group["reason"].strip():
@@ -98,8 +98,8 @@ def read_expected(path: Path) -> list[Expected]:
         for kind, lines in kinds.items():
             for line in lines:
                 answer, _, key = line.partition(": ")
-                found.append(Expected(answer, tuple(key.split(" > ")), kind, group["reason"]))
-    return found
+                result.append(Expected(answer, tuple(key.split(" > ")), kind, group["reason"]))
+    return result
 
 
 def unexpected(answer: str, found: Iterable[Difference], expected: Iterable[Expected]) -> list[str]:

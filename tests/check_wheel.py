@@ -59,17 +59,17 @@ def problems(wheel: Path, one: Distribution, root: Path = ROOT) -> list[str]:
         for path in (source / one.package).rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    found = [f"{name} is in src and not in the wheel" for name in sorted(wanted - held)]
+    result = [f"{name} is in src and not in the wheel" for name in sorted(wanted - held)]
     allowed = wanted | {f"{about}/{name}" for name in one.beside}
-    found += [f"{name} is in the wheel, and should not be" for name in sorted(held - allowed)]
-    found += [f"{name} is needed, and src has none" for name in one.needed if f"{one.package}/{name}" not in wanted]
-    found += [f"{about}/{name} is missing" for name in one.beside if name not in read]
-    found += _metadata(read.get("METADATA", b""), one, version)
+    result += [f"{name} is in the wheel, and should not be" for name in sorted(held - allowed)]
+    result += [f"{name} is needed, and src has none" for name in one.needed if f"{one.package}/{name}" not in wanted]
+    result += [f"{about}/{name} is missing" for name in one.beside if name not in read]
+    result += _metadata(read.get("METADATA", b""), one, version)
     if read.get("licenses/LICENSE") != (root / "LICENSE").read_bytes():
-        found.append("its licence is not the project's")
+        result.append("its licence is not the project's")
     if (size := wheel.stat().st_size) > one.most:
-        found.append(f"it has {size} bytes, more than {one.most}")
-    return found
+        result.append(f"it has {size} bytes, more than {one.most}")
+    return result
 
 
 def _metadata(text: bytes, one: Distribution, version: str) -> Iterator[str]:

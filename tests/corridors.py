@@ -89,6 +89,6 @@ def corridor_run(out: Path) -> Path:
         for seed in range(3)
     ]
     made = make_run(out, episodes, models=[HOSTILE_NAME], simulator="corridor", world={"corridor": "1"})
-    asked = [one for one in episodes if one.key.policy == HOSTILE_NAME]
+    asked = [episode for episode in episodes if episode.key.policy == HOSTILE_NAME]
     add_replies(made, asked, lambda _step, n: Reply(HOSTILE[n % len(HOSTILE)], "stop"), lambda step: step.frame)
     return made

@@ -166,7 +166,7 @@ def rewrite(path: Path, change: Callable[[list[dict[str, Any]]], list[dict[str, 
     for name in dict.fromkeys(name for row in rows for name in row):
         cells = [row.get(name) for row in rows]
         kind = table.schema.field(name).type if name in table.column_names else None
-        if kind is not None and pa.types.is_integer(kind) and not all(type(one) is int for one in cells):
+        if kind is not None and pa.types.is_integer(kind) and not all(type(cell) is int for cell in cells):
             kind = None  # it would be cut to a whole number
         try:
             columns[name] = pa.array(cells, kind)
@@ -212,7 +212,7 @@ def of_episodes(root: Path, *, version: str = "v2.1", numbered: bool = True, gap
     (root / "meta/tasks.parquet").unlink()
     write_lines(root / "meta/episodes.jsonl", lines)
     words = ["cross the yard", "park"]
-    write_lines(root / "meta/tasks.jsonl", [{"task_index": place, "task": one} for place, one in enumerate(words)])
+    write_lines(root / "meta/tasks.jsonl", [{"task_index": place, "task": word} for place, word in enumerate(words)])
     two = {
         "codebase_version": version,
         "chunks_size": 3,

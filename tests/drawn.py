@@ -60,7 +60,7 @@ def found_of(moved: BrakingLevels) -> dict[str, Statistic]:
 
 def by_hand(**changed: Statistic) -> dict[str, Statistic]:
     """Return the statistics of a reader that earns depth, with some of them changed."""
-    found: Mapping[str, Statistic] = {
+    statistics: Mapping[str, Statistic] = {
         "unparsed_reference": Statistic(0.0, 288, (0.0, 0.01)),
         "unparsed_controls": Statistic(0.0, 144, (0.0, 0.01)),
         "depth_interventional": SignTest(1.0, 144, (0.9, 1.0), 1e-20, wins=144, losses=0, ties=0),
@@ -84,7 +84,7 @@ def by_hand(**changed: Statistic) -> dict[str, Statistic]:
         "place_reversed": Statistic(-0.7, 36, (-0.9, -0.5), note="in `light`"),
         "place_beside": Statistic(-0.2, 36, (-0.3, 1.0), note="in `light`"),
     }
-    return {**found, **changed}
+    return {**statistics, **changed}
 
 
 HOLE = Place("scenario", "blocked", 36, 0, 0, 0.0, -0.08, 0.08, 0.0, -0.08)

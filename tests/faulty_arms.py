@@ -24,7 +24,7 @@ def _shown(change):  # noqa: ANN001, ANN202
     """Return the network behind a change of its pictures."""
 
     def act(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
-        return NETWORK.act({name: change(one) for name, one in images.items()}, state, instruction)
+        return NETWORK.act({name: change(image) for name, image in images.items()}, state, instruction)
 
     return act
 
@@ -135,7 +135,7 @@ class Shared:
 
 def dropped(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Read the pictures, and hand others on that are always the same."""
-    return sound({name: np.full_like(one, 128) for name, one in images.items()}, state, instruction)
+    return sound({name: np.full_like(image, 128) for name, image in images.items()}, state, instruction)
 
 
 def unplugged(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -211,11 +211,11 @@ shared, shared_too, seventh, hangs, varies = Shared(), Shared(), Seventh(), Hang
 
 def mutates(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Change what it is given in place."""
-    found = sound(images, state, instruction)
-    for one in images.values():
-        one[:] = 0
+    result = sound(images, state, instruction)
+    for image in images.values():
+        image[:] = 0
     state[:] = 0
-    return found
+    return result
 
 
 def _said(change):  # noqa: ANN001, ANN202

@@ -53,7 +53,7 @@ def _graded(road: PictureReading) -> str:
 
 def _is_yellow(image: bytes) -> bool:
     """Return whether the first vehicle ahead in the own rows is yellow."""
-    red, green, blue = (decode(image, "the picture")[..., one].astype(int) for one in range(3))
+    red, green, blue = (decode(image, "the picture")[..., index].astype(int) for index in range(3))
     own = ((green > red + 60) & (green > blue + 60)) | ((red > green + 60) & (red > blue + 60))
     rows, columns = own.nonzero()
     if not len(rows):

@@ -71,7 +71,7 @@ def marked(part: str, kind: str) -> tuple[Marked, ...]:
 
 def counted(replies: Iterable[Marked]) -> dict[str, int | float]:
     """Return of some replies how many there are, how many are read, rightly and wrongly, and two shares of them."""
-    found = [(one, one.read) for one in replies]
+    found = [(reply, reply.read) for reply in replies]
     read = [(one, action) for one, action in found if action is not None]
     wrong = sum(one.is_wrong(action) for one, action in read)
     agreed = [action == one.first for one, action in found if one.agreed]

@@ -51,7 +51,9 @@ mirror_pairs = [["PORT", "STARBOARD"]]
 braking = ["HALT"]
 proceeding = ["GO"]
 """
-ROWS = [{"image": f"{one}.png", "episode": "a", "step": one, "gap_m": one * 0.5, "lane": "left"} for one in range(6)]
+ROWS = [
+    {"image": f"{index}.png", "episode": "a", "step": index, "gap_m": index * 0.5, "lane": "left"} for index in range(6)
+]
 STRANGE: tuple[Any, ...] = (
     *(None, True, [], {}, [[]], "", 0, -1, 2.5, 10**400, 1e308, -1e308, float("nan"), float("inf"), "x" * 10_000),
     *("\x1b[2J", "\ud800", "=1+1", "../../up", "/etc/passwd", [0] * 10_000, {"a": {"a": {"a": []}}}, "\u202e", "NaN"),
@@ -198,7 +200,7 @@ def subjects(work: Path) -> dict[str, Subject]:
     guardian.write_frozen(work / "guardian.json", frozen)
     guardian.write_frozen(work / "exported.json", frozen.exported())
     with Ledger(work / "ledger.sqlite", create=True) as ledger:
-        keys = [CallKey("battery", "m", "p", f"f{one}", "real") for one in range(4)]
+        keys = [CallKey("battery", "m", "p", f"f{index}", "real") for index in range(4)]
         for key in keys[1:]:
             ledger.close(ledger.begin(key, "digest"), Reply("GO", "stop", None, "", 10, 9, 0.5))
         ledger.begin(keys[0], "digest")

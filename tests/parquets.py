@@ -97,26 +97,26 @@ class Column:
 def write(path: Path, columns: Sequence[Column], rows: int, *, extra: Sequence[Struct] = ()) -> Path:
     """Write a file of one row group; ``extra`` elements stand behind the schema's own."""
     out, chunks = bytearray(b"PAR1"), []
-    for one in columns:
+    for column in columns:
         start = len(out)
-        out += one.pages
-        names = [one.name.encode(), b"list", b"element"] if one.listed else [one.name.encode()]
+        out += column.pages
+        names = [column.name.encode(), b"list", b"element"] if column.listed else [column.name.encode()]
         said: dict[int, object] = {
-            1: one.kind,
+            1: column.kind,
             2: [PLAIN, RLE],
             3: names,
-            4: one.codec,
-            5: Long(one.values),
-            6: Long(one.says_unpacked),
-            7: Long(len(one.pages)),
-            9: Long(start + one.dictionary),
+            4: column.codec,
+            5: Long(column.values),
+            6: Long(column.says_unpacked),
+            7: Long(len(column.pages)),
+            9: Long(start + column.dictionary),
         }
-        if one.dictionary:
+        if column.dictionary:
             said[11] = Long(start)
         chunks.append(Struct({2: Long(start), 3: Struct(said)}))
     schema = [Struct({4: b"schema", 5: len(columns) + (1 if extra else 0)})]
-    for one in columns:
-        schema += elements(one)
+    for column in columns:
+        schema += elements(column)
     footer = bytes(
         Struct(
             {

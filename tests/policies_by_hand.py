@@ -6,7 +6,7 @@ from functools import cache
 from eyechart.stats.shares import FollowedShare, LogDistance, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy
-from eyechart.verdicts.share_predicates import MissingConditions, ignored, used
+from eyechart.verdicts.share_predicates import MissingConditions, is_ignored, is_used
 
 CHANNELS = ("cameras", "camera:top", "camera:wrist", "state", "instruction")
 NAMES = {
@@ -51,7 +51,7 @@ def verdict(*, left: int = 0, asked: MissingConditions | None = None, **changed:
     Where its cameras are ignored, or at a similar state, so is each of them, and no object is followed.
     """
     given = {kind: changed.get(kind) for kind in ("swap", "matched")}
-    gone = {kind: ignored(one) and not used(one) for kind, one in given.items()}
+    gone = {kind: is_ignored(one) and not is_used(one) for kind, one in given.items()}
     usual = dict.fromkeys(("swap", "matched", "blank", "state", "told"), USED)
     usual |= dict.fromkeys(("follow", "named"), UNFOLLOWED if any(gone.values()) else FOLLOWED)
     single = {"swapped": IGNORED if gone["swap"] else USED, "matched": IGNORED if any(gone.values()) else USED}
@@ -240,7 +240,7 @@ def said(found: PolicyVerdict, *, whole: bool) -> object:
     if whole:
         return found.as_dict()
     axes = {"camera": found.camera, "state": found.state, "instruction": found.instruction, **found.cameras}
-    lines = [f"{name}: {one.label} by {one.by}: {one.because} / {one.why_not}" for name, one in axes.items()]
+    lines = [f"{name}: {axis.label} by {axis.by}: {axis.because} / {axis.why_not}" for name, axis in axes.items()]
     guards = [] if not found.guards else [f"guards: {', '.join(found.guards)}: {found.because}"]
     return [*lines, *guards, *found.remarks]
 

@@ -137,12 +137,12 @@ def guarding(rng: Random, make: Make, *, often: float) -> dict[str, Statistic | 
         "noise": lambda: _noise(rng),
         "memory": lambda: (Statistic(rng.choice((0.02, 0.0200001, 0.5)), 90, p=rng.choice(_PS)), {}),
     }
-    found: dict[str, Statistic | None] = {}
+    statistics: dict[str, Statistic | None] = {}
     for name, (one, numbers) in usual.items():
-        found[name] = make(name, *(odd[name]() if rng.random() > often else (one, numbers)))
+        statistics[name] = make(name, *(odd[name]() if rng.random() > often else (one, numbers)))
     if rng.random() < 0.3:
-        found["memory"] = rng.choice((None, Statistic(None, 9)))
-    return found
+        statistics["memory"] = rng.choice((None, Statistic(None, 9)))
+    return statistics
 
 
 def _misfit(rng: Random) -> tuple[Statistic, Numbers]:
@@ -199,29 +199,29 @@ def evidence(rng: Random, axis: str, make: Make) -> dict[str, Statistic]:
     often = {name: odd if name == axis else 0.995 for name in (*RECORDED,)}
     whole = rng.choice((*PROFILES,))
     single = rng.choice((*PROFILES,)) if axis == "single" else whole
-    found = guarding(rng, make, often=often["guards"])
-    found |= _camera(rng, "cameras", whole, often["camera"], make)
+    statistics = guarding(rng, make, often=often["guards"])
+    statistics |= _camera(rng, "cameras", whole, often["camera"], make)
     for channel in SINGLES:
-        found |= _camera(rng, channel, single, min(often["single"], often["camera"] + 0.1), make)
+        statistics |= _camera(rng, channel, single, min(often["single"], often["camera"] + 0.1), make)
     ignored, used, mixed = "ignored", "used", ("used", "ignored", "open")
     for name in ("recoloured", "decoys", "noise", "nudged"):
-        found[f"T.{name}"] = drawn_share(rng, ignored, min(often["camera"] + 0.1, 0.99), make, f"T.{name}")
+        statistics[f"T.{name}"] = drawn_share(rng, ignored, min(often["camera"] + 0.1, 0.99), make, f"T.{name}")
     if axis != "guards" or rng.random() < 0.5:
-        found["T.nudged"] = make("T.nudged", Statistic(0.0, 72, (0.0, 0.0)), {"episodes": 12})
-    found["T.swapped@state"] = drawn_share(rng, rng.choice(mixed), often["state"], make, "T.swapped@state")
+        statistics["T.nudged"] = make("T.nudged", Statistic(0.0, 72, (0.0, 0.0)), {"episodes": 12})
+    statistics["T.swapped@state"] = drawn_share(rng, rng.choice(mixed), often["state"], make, "T.swapped@state")
     if rng.random() < 0.4:
-        found["reads@state"] = drawn_share(rng, rng.choice(mixed), often["state"], make, "reads@state")
-    found |= {name: responding(rng, name, make) for name in ("responds@state", "responds@instruction")}
-    told = drawn_share(rng, rng.choice(mixed), often["instruction"], make, "T.swapped@instruction")
-    if told is not None and told.value is not None and rng.random() < 0.5:
-        told = drawn_texts(rng, make, told)
-    found["T.swapped@instruction"] = told
+        statistics["reads@state"] = drawn_share(rng, rng.choice(mixed), often["state"], make, "reads@state")
+    statistics |= {name: responding(rng, name, make) for name in ("responds@state", "responds@instruction")}
+    statistic = drawn_share(rng, rng.choice(mixed), often["instruction"], make, "T.swapped@instruction")
+    if statistic is not None and statistic.value is not None and rng.random() < 0.5:
+        statistic = drawn_texts(rng, make, statistic)
+    statistics["T.swapped@instruction"] = statistic
     follows = rng.choice(("all", "none", "all", "none", "absent", "any"))
     for name in FOLLOWS:
         usual = {"all": used, "none": ignored, "absent": ignored, "any": rng.choice(mixed)}[follows]
         often_so = min(often["instruction"], often["camera"])
-        found[name] = None if follows == "absent" else drawn_follow(rng, usual, often_so, make, name)
-    return {name: one for name, one in found.items() if one is not None}
+        statistics[name] = None if follows == "absent" else drawn_follow(rng, usual, often_so, make, name)
+    return {name: one for name, one in statistics.items() if one is not None}
 
 
 def drawn_texts(rng: Random, make: Make, told: Statistic) -> Statistic:
@@ -259,8 +259,10 @@ def verdict_of(rng: Random, axis: str, make: Make) -> tuple[Mapping[str, Statist
     reads = () if rng.random() < 0.6 else tuple(name for name in CHANNELS if rng.random() < 0.5)
     missing = {"timeout": 2, "refused": 4} if rng.random() < 0.5 else {}
     left = rng.choice((0, 0, 3))
-    found = judge_policy("m", statistics, channels, scope="here.", missing=missing, left=left, reads=reads, asked=asked)
-    return statistics, found
+    verdict = judge_policy(
+        "m", statistics, channels, scope="here.", missing=missing, left=left, reads=reads, asked=asked
+    )
+    return statistics, verdict
 
 
 def said_of(rng: Random, axis: str, make: Make) -> str:
@@ -275,7 +277,7 @@ def words_of(statistics: Mapping[str, Statistic], found: PolicyVerdict) -> str:
     """Return what a verdict says of an evidence, likewise."""
     if is_read_otherwise(statistics):
         return ""
-    axes = {name: (one.as_dict(), one.may_be) for name, one in found.axes.items()}
+    axes = {name: (axis.as_dict(), axis.may_be) for name, axis in found.axes.items()}
     return as_recorded(json.dumps([axes, found.guards, found.remarks, found.headline, found.misfit], sort_keys=True))
 
 

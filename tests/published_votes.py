@@ -52,17 +52,17 @@ def published() -> VoteTable:
     listed = list(rows())
     models = tuple(sorted((GEMMA, QWEN, *OTHERS)))
     votes = np.ones((6, len(listed), 2), dtype=np.int8)  # the others always say hazard
-    votes[models.index(GEMMA)] = [one[2] for one in listed]
-    votes[models.index(QWEN)] = [one[3] for one in listed]
+    votes[models.index(GEMMA)] = [row[2] for row in listed]
+    votes[models.index(QWEN)] = [row[3] for row in listed]
     return VoteTable(
         "votes.csv",
         tuple(f"f{number:03}" for number in range(len(listed))),
         tuple(f"e{number % EPISODES:02}" for number in range(len(listed))),
-        np.array([one[1] for one in listed]),
+        np.array([row[1] for row in listed]),
         models,
         votes,
         ABOUT,
-        tuple(one[0] for one in listed),
+        tuple(row[0] for row in listed),
     )
 
 

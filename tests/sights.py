@@ -12,7 +12,7 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import closed_loop, hierarchy, prompts
 from eyechart.studies.closed_loop.drives import Driver, Drives
-from eyechart.studies.closed_loop.visual_dependence import findings, told_of
+from eyechart.studies.closed_loop.visual_dependence import comparison_words, findings
 from eyechart.studies.hierarchy import visual_dependence as planners
 from eyechart.verdicts.admission import ADMITS, CLAUSES, hold
 from eyechart.verdicts.labels import ADMITTED
@@ -56,15 +56,15 @@ def _episode(rng: Random, key: EpisodeKey, way: str, ends: str) -> Episode:
 
 def drives_of(rng: Random, policy: str, simulator: str, conditions: tuple[str, ...], worlds: int) -> list[Drives]:
     """Return who drove in so many worlds with real pictures, and with others as well, as well as not, or otherwise."""
-    found, ends = [], rng.choice(("goal", "time"))
+    drives, ends = [], rng.choice(("goal", "time"))
     mostly = rng.choice(("better", "steady", *WAYS))
     for condition in ("real", *conditions):
         way = mostly if condition == "real" or rng.random() < 0.3 else rng.choice(("worse", "worse", *WAYS))
         keys = [EpisodeKey(policy, simulator, "light", seed, condition) for seed in range(worlds)]
         episodes = tuple(_episode(rng, key, way, ends) for key in keys)
         driver = Driver(simulator, policy, condition)
-        found.append(Drives(driver, Path(), episodes, (), DRIVING, asked=policy.startswith("model")))
-    return found
+        drives.append(Drives(driver, Path(), episodes, (), DRIVING, asked=policy.startswith("model")))
+    return drives
 
 
 def _shown(one: Statistic | None) -> str:
@@ -84,7 +84,9 @@ def of_drives(rng: Random) -> str:
         drives.append(marginal)
     score = closed_loop.ClosedLoopScore(tuple(drives), None, 99, ())
     said = [
-        " ".join((one.finding, one.label.family, one.label.says, str(told_of(one)), one.decisive, one.sentence))
+        " ".join(
+            (one.finding, one.label.family, one.label.says, str(comparison_words(one)), one.decisive, one.sentence)
+        )
         + f" {one.as_dict()}"
         for one in score.blind
     ]
@@ -102,7 +104,7 @@ def of_planners(rng: Random) -> str:
         simulator, worlds = hierarchy.PARTS[part].simulator, rng.choice((3, 8, 25, 25))
         drives[part] = tuple(drives_of(rng, "model-a", simulator, conditions, worlds))
     score = hierarchy.HierarchyScore(drives, 99)
-    labels = {(one.part, one.policy): one.label for one in score.completions}
+    labels = {(completion.part, completion.policy): completion.label for completion in score.completions}
     said = [
         f"{part} {labels[part, spec].family} {planners.why_not(many)}"
         for (part, spec), many in planners.pairs_of(score).items()
@@ -123,7 +125,7 @@ def of_prompts(rng: Random) -> str:
         found |= {"distinct_outputs": Statistic(rng.choice(varied), n)}
         cells.append(prompts.CellScore(f"p{number}", "m", "p@1", 64, "none", n, n, found, p, _ACCOUNT, ()))
     (held,) = prompts.by_model(cells)
-    each = [f"{one.name} {(one.label.family, one.label.says)}" for one in cells]
+    each = [f"{cell.name} {(cell.label.family, cell.label.says)}" for cell in cells]
     return "\n".join([held.tone, held.label, held.words, held.why_not, *each])
 
 
@@ -132,12 +134,12 @@ _ACCOUNT = Account(0, 0, 0, {}, 0, {}, {}, None, None, None, None, {}, None, Non
 
 def estimates(rng: Random) -> dict[str, Statistic]:
     """Return the statistics of an estimator, at, beside and away from what the clauses of admission ask for."""
-    usual, found = rng.choice((1.0, 0.9, 0.6)), dict[str, Statistic]()
+    usual, result = rng.choice((1.0, 0.9, 0.6)), dict[str, Statistic]()
     for name in CLAUSES:
         least = _LEAST[name]
         value = 10.0 if rng.random() < usual else rng.choice((least, least - 1e-6, least + 0.1, 0.0, None))
-        found[name] = Statistic(value, rng.choice((0, 16, 32)), note="nothing was asked" if value is None else "")
-    return found
+        result[name] = Statistic(value, rng.choice((0, 16, 32)), note="nothing was asked" if value is None else "")
+    return result
 
 
 _LEAST: Mapping[str, float] = {

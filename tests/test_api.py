@@ -83,8 +83,8 @@ def report(demo: Demo) -> Report:
 def test_it_says_what_the_steps_say(report: Report, demo: Demo) -> None:
     """One call is the steps in their order: score, then judge."""
     steps = judge(battery.score(demo.run, resamples=500))
-    assert {spec: one.as_dict() for spec, one in report.verdicts.items()} == {
-        spec: one.as_dict() for spec, one in steps.items()
+    assert {spec: verdict.as_dict() for spec, verdict in report.verdicts.items()} == {
+        spec: step.as_dict() for spec, step in steps.items()
     }
     assert list(report) == list(steps)
     assert len(report) == 16
@@ -232,7 +232,7 @@ def test_a_card_holds_all_that_a_verdict_must_not_be_shown_without(report: Repor
 def test_a_report_shows_every_card_and_the_scope(report: Report) -> None:
     """One card a model, in order."""
     page = Page(report._repr_html_())
-    places = [page.text.index(one.scope) for one in report.verdicts.values()]
+    places = [page.text.index(verdict.scope) for verdict in report.verdicts.values()]
     assert places == sorted(places)
     assert "not tested: other prompts, other cameras, closed loop." in page.text
 
@@ -325,11 +325,11 @@ def test_a_served_model_is_probed_once_from_python_too(tmp_path: Path, monkeypat
         monkeypatch.setattr("eyechart.models.openai_compatible.BASE_URL", server.base_url)
         monkeypatch.setenv("OPENAI_API_KEY", "x")
         manifest = asyncio.run(notebook()).score.manifest
-        made = server.requests
+        requests = server.requests
         assert manifest.mode("openai:m").token_field != RequestMode("openai:m").token_field
         assert manifest.mode("openai:m").measured.sees_image is True
-        assert made == manifest.probes["openai:m"].calls + len(manifest.conditions)
+        assert requests == manifest.probes["openai:m"].calls + len(manifest.conditions)
         run_battery(bank, "openai:m", tmp_path / "run", limit=2)
-        assert server.requests == made + len(manifest.conditions)
+        assert server.requests == requests + len(manifest.conditions)
         asked = run_battery(bank, "openai:m", tmp_path / "other", limit=1, probe=False).score.manifest
         assert (asked.probes, asked.mode("openai:m").measured) == ({}, None)

@@ -38,7 +38,7 @@ def literals() -> list[str]:
         if "cli" in path.parts or path.name == "errors.py":
             continue
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        inside = {id(part) for one in ast.walk(tree) if isinstance(one, ast.JoinedStr) for part in one.values}
+        inside = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
         for one in ast.walk(tree):
             if isinstance(one, ast.JoinedStr):
                 parts = (part.value if isinstance(part, ast.Constant) else "7" for part in one.values)

@@ -106,9 +106,9 @@ def of_a_notebook(code: str) -> Callable[..., object]:
     """Return the function ``f`` of code that no file holds."""
     cell: dict[str, object] = {"__name__": "cell"}
     exec(compile(code, "<a cell>", "exec"), cell)  # noqa: S102 - what a notebook does
-    found = cell["f"]
-    assert callable(found)
-    return found
+    result = cell["f"]
+    assert callable(result)
+    return result
 
 
 def test_a_callable_of_a_notebook_that_was_changed_is_another_version(bank: FrameBank, tmp_path: Path) -> None:

@@ -38,15 +38,15 @@ def report(bank: FrameBank) -> PolicyReport:
 
 def told(*words: object) -> str:
     """Return what a command prints."""
-    found = CliRunner().invoke(app, list(map(str, words)))
-    assert found.exit_code == 0, found.output
-    return found.stdout
+    result = CliRunner().invoke(app, list(map(str, words)))
+    assert result.exit_code == 0, result.output
+    return result.stdout
 
 
 def test_a_report_says_what_the_command_says(report: PolicyReport) -> None:
     """By labels, by words, and by every number; it can be read again, and the page is the command's."""
     said = json.loads(told("verdict", report.path, "--json"))["policies"]
-    assert {spec: json.loads(json.dumps(one.as_dict())) for spec, one in report.verdicts.items()} == said
+    assert {spec: json.loads(json.dumps(verdict.as_dict())) for spec, verdict in report.verdicts.items()} == said
     assert (said["python:mine"]["camera"], said["python:blind"]["camera"]) == ("object_grounded", "ignores_camera")
     words = str(report)
     for one in said.values():
@@ -64,13 +64,13 @@ def test_a_report_says_what_the_command_says(report: PolicyReport) -> None:
 
 def test_a_notebook_shows_cards_and_takes_nothing_for_markup(report: PolicyReport) -> None:
     """A row an axis, each with its label; a name that is markup stays text."""
-    shown = Page(report._repr_html_())
-    assert shown.tags.count("table") == 2
-    assert shown.tags.count("tr") == sum(len(one.axes) for one in report.verdicts.values())
+    page = Page(report._repr_html_())
+    assert page.tags.count("table") == 2
+    assert page.tags.count("tr") == sum(len(verdict.axes) for verdict in report.verdicts.values())
     for one in report.verdicts.values():
         for name, axis in one.axes.items():
-            assert name in shown.words
-            assert axis.because in shown.text
+            assert name in page.words
+            assert axis.because in page.text
     assert repr(report["python:blind"]) == (
         "<PolicyVerdict on python:blind: ignores_camera, state_shortcut, instruction_ignored>"
     )
@@ -114,7 +114,7 @@ def test_a_callable_is_known_by_what_it_holds(bank: FrameBank, tmp_path: Path) -
 
     given = {f"by {by:g}": partial(scaled, by=by) for by in (0.5, 2.0)}
     found = run_policies(bank, given, tmp_path / "partials", conditions=["real"], limit=3)
-    versions = {one.version for one in found.score.models.values()}
+    versions = {model.version for model in found.score.models.values()}
     assert len(versions) == 2
     command = ("run", "policy", "--policy", "python:arms:deaf", "--frames", bank.root, "--out", tmp_path / "run")
     told(*command, "--conditions", "real", "--limit", 6)

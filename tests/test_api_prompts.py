@@ -57,7 +57,7 @@ def test_it_says_what_differs_in_words_tables_rows_and_json(report: PromptsRepor
     assert "python:mine, baseline against minimal: no statistic differs (Holm)." in str(report)
     assert repr(report).startswith(f"<PromptsReport on {report.path}: python:mine: ")
     assert len(report.table().rows) == 3
-    assert [one.caption for one in report.differences()] == [
+    assert [difference.caption for difference in report.differences()] == [
         "python:mine: chain_of_thought against minimal",
         "python:mine: baseline against minimal",
     ]
@@ -77,7 +77,7 @@ def test_it_makes_the_study_of_the_command_and_goes_on_with_it(bank: FrameBank, 
     prompts = ("minimal", "baseline")
     study.run(study.plan(bank.root, ["scripted:depth"], tmp_path / "steps", prompts=prompts, limit=12, seed=3))
     moves: list[tuple[int, int]] = []
-    made = [
+    reports = [
         compare_prompts(
             bank.root,
             "scripted:depth",
@@ -91,7 +91,7 @@ def test_it_makes_the_study_of_the_command_and_goes_on_with_it(bank: FrameBank, 
     ]
     assert moves[-1] == (48, 48)
     steps = study.score(tmp_path / "steps")
-    for found in made:
+    for found in reports:
         assert [(cell.name, cell.prompt, cell.statistics) for cell in found.score.cells] == [
             (cell.name, cell.prompt, cell.statistics) for cell in steps
         ]

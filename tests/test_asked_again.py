@@ -70,9 +70,9 @@ def test_only_failures_of_the_road_are_asked_again_and_the_last_reply_counts(
         after, attempts = dict(ledger.replies("standin:m")), list(ledger.attempts("standin:m"))
         assert ledger.damaged() == []
     changed = {key for key, reply in before.items() if after[key] != reply}
-    assert {before[key].error_detail for key in changed} == {one.error_detail for one in FAILURES[:MENDED]}
+    assert {before[key].error_detail for key in changed} == {failure.error_detail for failure in FAILURES[:MENDED]}
     assert {after[key].text for key in changed} == {"SLOW"}
-    assert len(changed) == sum(one.reason == AGAIN for one in attempts) == MENDED
+    assert len(changed) == sum(attempt.reason == AGAIN for attempt in attempts) == MENDED
     assert len(attempts) == sent + MENDED
 
     told = json.loads(run(app, ["costs", str(out), "--json"]).output)
@@ -103,7 +103,7 @@ def test_every_cell_of_a_prompt_study_is_asked_again(tmp_path: Path, monkeypatch
     again = 0
     for cell in out.glob("*/ledger.sqlite"):
         with Ledger(cell) as ledger:
-            again += sum(one.reason == AGAIN for one in ledger.attempts("standin:m"))
+            again += sum(attempt.reason == AGAIN for attempt in ledger.attempts("standin:m"))
     assert again == MENDED
 
 
@@ -136,7 +136,7 @@ def test_a_policy_is_asked_again(tmp_path: Path) -> None:
     assert run(app, [*words, "--again"]).exit_code == 0
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
         assert not any(reply.error for _, reply in ledger.replies(spec))
-        assert sum(one.reason == AGAIN for one in ledger.attempts(spec)) == 5
+        assert sum(attempt.reason == AGAIN for attempt in ledger.attempts(spec)) == 5
     assert run(app, [*words[:-3], str(tmp_path / "other"), *few]).exit_code == 0
     first, second = (policy.score(tmp_path / name).as_dict()["policies"] for name in ("run", "other"))
     assert first == second

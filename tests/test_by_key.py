@@ -37,14 +37,14 @@ def test_equal_values_have_no_differences() -> None:
 )
 def test_a_difference_is_named_by_its_key(old: object, new: object, line: str) -> None:
     """The last bit of a number counts, and so does its kind."""
-    assert line in [str(one) for one in differences(old, new)]
+    assert line in [str(difference) for difference in differences(old, new)]
     assert len(list(differences(old, new))) == 1 + line.startswith("x real")
 
 
 def test_floats_may_be_held_equal_within_a_share() -> None:
     """Anywhere in the value; whole numbers and kinds stay exact."""
     old, new = {"a": [5 / 9, 1e-17, 3]}, {"a": [5 / 9 + 2e-16, 0.0, 3]}
-    assert [one.key for one in differences(old, new)] == [("a", "0"), ("a", "1")]
+    assert [difference.key for difference in differences(old, new)] == [("a", "0"), ("a", "1")]
     assert not list(differences(old, new, within=1e-12))
     assert list(differences({"a": 0.5}, {"a": 0.5 + 1e-11}, within=1e-12))
     assert list(differences({"a": 3}, {"a": 3.0}, within=1e-12))

@@ -124,8 +124,8 @@ def test_banks_that_were_kept_are_not_simulated_again(
 
 def test_what_is_tried_once_a_replication_is_kept_too() -> None:
     """Rejections of early stopping and what adversaries were called come back as they were written."""
-    made = ReplicationResult([], [1, 0], [AdversaryTrial("comb", "content", "no_power")])
-    assert msgspec.json.decode(msgspec.json.encode(made), type=ReplicationResult) == made
+    result = ReplicationResult([], [1, 0], [AdversaryTrial("comb", "content", "no_power")])
+    assert msgspec.json.decode(msgspec.json.encode(result), type=ReplicationResult) == result
 
 
 def test_a_bank_depends_on_its_seed_and_its_number_alone(small: Calibration) -> None:
@@ -148,14 +148,14 @@ def test_the_default_setting_gives_clear_controllers_their_labels(calibration: C
 def test_every_controller_of_the_demo_is_calibrated() -> None:
     """The sixteen stand in the list with what they declare, and so do the two that follow time."""
     assert set(KNOWN) == {*CONTROLLERS, "time", "time_seen"}
-    assert all(KNOWN[name].calibrated == one.declared.calibrated for name, one in CONTROLLERS.items())
-    assert all(KNOWN[name].paper == one.declared.paper for name, one in CONTROLLERS.items())
+    assert all(KNOWN[name].calibrated == controller.declared.calibrated for name, controller in CONTROLLERS.items())
+    assert all(KNOWN[name].paper == controller.declared.paper for name, controller in CONTROLLERS.items())
     assert set(KNOWN) >= FOLLOW_GAP | NEVER_LOOK | COINS
 
 
 def without_bounds() -> Axis:
     """Return the rules of distance with an image invariance that needs no bound."""
-    rows = (replace(one, needs=()) if one.label == "image_invariant" else one for one in DISTANCE.rules)
+    rows = (replace(rule, needs=()) if rule.label == "image_invariant" else rule for rule in DISTANCE.rules)
     return Axis("distance", tuple(rows))
 
 
@@ -189,8 +189,8 @@ def test_a_test_that_always_rejects_is_caught(monkeypatch: pytest.MonkeyPatch) -
     from eyechart.calibrate import replication  # noqa: PLC0415 - the module, not its function
 
     def rejecting(*given: object) -> dict[str, Statistic]:
-        found = statistics_of(*given)  # type: ignore[arg-type]
-        return {**found, "scene_cue": replace(found["scene_cue"], p=0.001)}
+        statistics = statistics_of(*given)  # type: ignore[arg-type]
+        return {**statistics, "scene_cue": replace(statistics["scene_cue"], p=0.001)}
 
     monkeypatch.setattr(replication, "statistics_of", rejecting)
     found = calibrate(replications=1, seed=0, settings=["small_10"])
@@ -349,7 +349,7 @@ def test_leaving_out_the_counterfactual_tests_is_leaving_out_their_pictures() ->
     bare = statistics_of(replace(whole, decisions=kept), how)
     derived = without_counterfactuals(whole, statistics_of(whole, how))
     assert {name: one for name, one in derived.items() if name not in COUNTERFACTUAL_TESTS} == {
-        name: one for name, one in bare.items() if name not in COUNTERFACTUAL_TESTS
+        name: statistic for name, statistic in bare.items() if name not in COUNTERFACTUAL_TESTS
     }
     assert all(derived[name].p is None and bare[name].p is None for name in COUNTERFACTUAL_TESTS)
 
@@ -362,9 +362,9 @@ def test_leaving_out_intervals_changes_no_value_and_no_p() -> None:
         quick = statistics_of(answered, Resampling(resamples=99, intervals=False))
         whole = statistics_of(answered, Resampling(resamples=99))
         assert set(quick) == set(whole)
-        for test, one in whole.items():
-            assert (quick[test].n, quick[test].p) == (one.n, one.p), test
-            assert quick[test].value == pytest.approx(one.value), test
+        for test, statistic in whole.items():
+            assert (quick[test].n, quick[test].p) == (statistic.n, statistic.p), test
+            assert quick[test].value == pytest.approx(statistic.value), test
 
 
 def test_unknown_settings_and_no_replications_are_refused() -> None:

@@ -135,13 +135,13 @@ def test_no_adversary_gets_an_early_depth_that_is_not_its_own(world: World) -> N
     But for those that fool the rules of a whole run; who brakes below 12 m alone is told so of the rest of the range.
     """
     settled = set()
-    for name, one in ADVERSARIES.items():
+    for name, adversary in ADVERSARIES.items():
         rng = random.Random(key_seed("early", name))  # noqa: S311 - no secret
-        known = KnownController(name, one.says, by_sight(one.decide), "", "", "")
+        known = KnownController(name, adversary.says, by_sight(adversary.decide), "", "", "")
         answers = answers_of(known, SETTINGS["default"], world, rng)
         early = stop_early(answers, "", "", counterfactuals=True, varied=True, seed=1)
         if early.label in {"depth", "depth_lateral"}:
-            assert one.is_false("depth", "") == () or name in FOOL_DEPTH, name
+            assert adversary.is_false("depth", "") == () or name in FOOL_DEPTH, name
             settled.add(name)
     required = {name for name, one in ADVERSARIES.items() if one.deserves == "depth"} - {"emergency"}
     assert {"nearest_any_lane", "reversed_25", "hole_25_40", "lead_present"} & settled == set()
@@ -153,10 +153,10 @@ def test_a_stop_with_another_verdict_is_told(monkeypatch: pytest.MonkeyPatch) ->
     before = StoppingState.stopped
 
     def wrong(course: StoppingState, finished: int) -> object:
-        found = before(course, finished)
-        if found is None or found.label != "image_invariant":
-            return found
-        return type(found)("depth", *(getattr(found, name) for name in found.__slots__[1:]))
+        result = before(course, finished)
+        if result is None or result.label != "image_invariant":
+            return result
+        return type(result)("depth", *(getattr(result, name) for name in result.__slots__[1:]))
 
     monkeypatch.setattr(stopping.StoppingState, "stopped", wrong)
     for once in ("rejections", "try_adversaries"):  # which this test is not about

@@ -42,16 +42,16 @@ def test_a_world_has_the_share_that_it_declares(setting: PolicySetting, shares: 
 def test_settings_are_named_apart_and_hold_what_was_written_down() -> None:
     """One factor is moved at a time from the base; T and noise are crossed."""
     every = settings()
-    assert len({one.name for one in every}) == len(every)
+    assert len({setting.name for setting in every}) == len(every)
     assert every.count(BASE) == 1
-    assert {one.episodes for one in every} == {6, 7, 8, 12, 24, 50}
-    assert {(one.noise, one.answers, one.share) for one in every if one.noise} == {
+    assert {setting.episodes for setting in every} == {6, 7, 8, 12, 24, 50}
+    assert {(setting.noise, setting.answers, setting.share) for setting in every if setting.noise} == {
         (noise, answers, share)
         for noise in (0.05, 0.25, 1.0)
         for answers in (2, 4)
         for share in (0.0, 0.02, 0.05, 0.10, 0.20, 0.40)
     }
-    assert all(one.frames >= one.episodes for one in every)
+    assert all(setting.frames >= setting.episodes for setting in every)
 
 
 def test_an_untrue_label_is_counted_against_the_rules() -> None:
@@ -67,10 +67,10 @@ def test_an_untrue_label_is_counted_against_the_rules() -> None:
 def test_where_few_episodes_respond_nothing_untrue_is_said_of_the_data_set() -> None:
     """Of twelve episodes none may respond; then the label is true of these, and undecided of all."""
     sparse = replace(BASE, response=0.15, whole=True)
-    found = Counter(label for seed in range(60) for label in labels_of(sparse, np.random.default_rng(seed)))
-    assert found["ignores_camera, true of these episodes"] >= 2
-    assert found["undecided, of the data set"] >= 60
-    tried = LabelCounts(sparse, found, 60)
+    counter = Counter(label for seed in range(60) for label in labels_of(sparse, np.random.default_rng(seed)))
+    assert counter["ignores_camera, true of these episodes"] >= 2
+    assert counter["undecided, of the data set"] >= 60
+    tried = LabelCounts(sparse, counter, 60)
     assert tried.false is not None
     assert tried.false > 0.02
     assert (tried.seen, tried.claimed, tried.missed) == (0.0, 0.0, False)
@@ -78,18 +78,18 @@ def test_where_few_episodes_respond_nothing_untrue_is_said_of_the_data_set() -> 
     assert "true of these" not in str(told)
     assert told["labels"]["ignores_camera"] == tried.false
     assert "ignores_camera" not in told["of_data_set"]
-    assert not any("true of these" in one for one in labels_of(BASE, np.random.default_rng(0)))
+    assert not any("true of these" in label for label in labels_of(BASE, np.random.default_rng(0)))
     assert LabelCounts(sparse, {"ignores_camera, of the data set": 3}, 100).missed
 
 
 def test_absence_is_said_of_the_data_set_from_enough_episodes_on() -> None:
     """Fifty of which none responds bound the share that may; one in four that does at a similar state is too many."""
     silent = replace(BASE, share=0.0, episodes=50)
-    told = labels_of(silent, np.random.default_rng(1))
-    assert {"ignores_camera, of the data set", "state_shortcut, of the data set"} <= set(told)
+    labels = labels_of(silent, np.random.default_rng(1))
+    assert {"ignores_camera, of the data set", "state_shortcut, of the data set"} <= set(labels)
     pose = replace(BASE, margin="matched", episodes=50, response=0.25, whole=True)
-    told = [label for seed in range(20) for label in labels_of(pose, np.random.default_rng(seed))]
-    assert "pose_only, of the data set" not in told
+    labels = [label for seed in range(20) for label in labels_of(pose, np.random.default_rng(seed))]
+    assert "pose_only, of the data set" not in labels
 
 
 def test_clear_policies_get_their_labels() -> None:

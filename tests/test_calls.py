@@ -45,8 +45,8 @@ def test_a_keys_seed_is_equal_in_every_process(hash_seed: str) -> None:
     """Python's own hash of a string is not; this one is."""
     program = f"from eyechart.calls import CallKey; print({KEY!r}.seed(7))"
     env = os.environ | {"PYTHONHASHSEED": hash_seed}
-    told = subprocess.run([sys.executable, "-c", program], env=env, check=True, capture_output=True, text=True)
-    assert int(told.stdout) == KEY.seed(7)
+    process = subprocess.run([sys.executable, "-c", program], env=env, check=True, capture_output=True, text=True)
+    assert int(process.stdout) == KEY.seed(7)
 
 
 def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
@@ -69,9 +69,9 @@ def test_the_digest_of_a_query_tells_no_picture_from_an_empty_one() -> None:
 
 def test_the_digest_of_one_picture_is_that_of_0_1_0() -> None:
     """Whatever its camera is called; so the requests of old ledgers can be compared."""
-    one = Query("You drive.", "Which?", Stimulus.of(b"picture"), 3, TWO.schema())
-    assert one.sha256() == "4834713d43179aaf9026848a36280deaa35489b5c236c2b9320db5d82d8ddc18"
-    assert replace(one, stimulus=Stimulus({"wrist": b"picture"})).sha256() == one.sha256()
+    query = Query("You drive.", "Which?", Stimulus.of(b"picture"), 3, TWO.schema())
+    assert query.sha256() == "4834713d43179aaf9026848a36280deaa35489b5c236c2b9320db5d82d8ddc18"
+    assert replace(query, stimulus=Stimulus({"wrist": b"picture"})).sha256() == query.sha256()
     assert (
         Query("", "", Stimulus(), 3, {"type": "object"}).sha256()
         == "9e4d89ce3eae1dc8a28dcd8b854b9fc35fe0ec3d5013706579ee9393ee24ed4f"
@@ -81,11 +81,11 @@ def test_the_digest_of_one_picture_is_that_of_0_1_0() -> None:
 def test_the_digest_of_several_pictures_tells_them_apart() -> None:
     """By camera and order, and from one picture; the state has a part in it, what a prompt says only by its words."""
     images = [{"a": b"1", "b": b"2"}, {"a": b"2", "b": b"1"}, {"b": b"2", "a": b"1"}, {"a": b"1"}, {"a": b"12"}, {}]
-    seen = [Stimulus(one) for one in images] + [
+    seen = [Stimulus(image) for image in images] + [
         Stimulus({}, {}, {"joints": (1.0,)}),
         Stimulus({}, {}, {"joints": (2.0,)}),
     ]
-    assert len({Query("", "", one, 0).sha256() for one in seen}) == len(seen)
+    assert len({Query("", "", stimulus, 0).sha256() for stimulus in seen}) == len(seen)
     assert Query("", "", Stimulus({}, {"speed": 5}), 0).sha256() == Query("", "", Stimulus(), 0).sha256()
 
 
@@ -116,4 +116,4 @@ def test_a_number_that_nobody_can_have_measured_is_not_reported(name: str, value
 
 def test_every_number_of_a_reply_has_a_bound() -> None:
     """A field that is added later too."""
-    assert {one.name for one in fields(Reply) if one.type in (int | None, float | None)} == MOST.keys()
+    assert {field.name for field in fields(Reply) if field.type in (int | None, float | None)} == MOST.keys()

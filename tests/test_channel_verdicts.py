@@ -72,7 +72,7 @@ def test_the_camera_axis(changed: dict[str, Statistic | None], label: str, words
 def test_each_camera_has_a_label_of_its_own() -> None:
     """One may be ignored where both together are used; no single one is grounded in an object."""
     found = verdict(**{"T.swapped@camera:wrist": IGNORED, "T.matched@camera:wrist": IGNORED, "T.blank@wrist": IGNORED})
-    assert {name: one.label for name, one in found.cameras.items()} == {
+    assert {name: camera.label for name, camera in found.cameras.items()} == {
         "top": "camera_content",
         "wrist": "ignores_camera",
     }
@@ -179,10 +179,10 @@ def test_a_remark_says_no_more_of_the_cameras_than_their_label() -> None:
     """That its pictures are ignored is a remark where that is the label, and not where they may never have arrived."""
     unfit = {"misfit": LogDistance(1.5, 72, offset=0.1, spread=1.1)}
     ignored = verdict(swap=IGNORED, matched=IGNORED, blank=IGNORED, **unfit)
-    assert any(one.startswith("It ignores its cameras") for one in ignored.remarks)
+    assert any(remark.startswith("It ignores its cameras") for remark in ignored.remarks)
     unread = verdict(swap=NOT_ONE_BIT, matched=NOT_ONE_BIT, blank=NOT_ONE_BIT, **unfit)
     assert unread.camera.label == "ignores_camera"
-    assert any(one.startswith("It ignores its cameras") for one in unread.remarks)
+    assert any(remark.startswith("It ignores its cameras") for remark in unread.remarks)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_a_verdict_bears_the_name_of_its_policy_and_of_each_camera() -> None:
     assert {verdict().model, verdict(motions=Statistic(0.5, 9)).model} == {"m"}
     found = {f"T.{kind}@camera:left:arm": IGNORED for kind in ("swapped", "matched")} | {"T.blank@left:arm": USED}
     told = judge_policy("m", GOOD | found, ("camera:left:arm",), scope="here.")
-    assert {name: one.label for name, one in told.cameras.items()} == {"left:arm": "camera_presence"}
+    assert {name: camera.label for name, camera in told.cameras.items()} == {"left:arm": "camera_presence"}
 
 
 def test_a_share_above_one_is_no_percentage() -> None:
@@ -270,7 +270,7 @@ def test_a_share_above_one_is_no_percentage() -> None:
     found = verdict(swap=above, matched=above)
     assert "carry all of the action and more (T 1.34 [1.10, 1.60]), and more than all (T 1.34" in found.camera.because
     assert "%" not in found.camera.because.partition("; moved")[0]
-    assert any(one.startswith("A share above 1 (cameras) is no part of a whole") for one in found.remarks)
+    assert any(remark.startswith("A share above 1 (cameras) is no part of a whole") for remark in found.remarks)
     assert "carry 95.0 % [70.0, over 100] of the action" in verdict(swap=across, follow=None).camera.because
     assert verdict(swap=across).as_dict()["channels"]["cameras"]["ci"] == [0.7, 1.2]
 
@@ -459,7 +459,7 @@ def test_no_absence_is_said_against_a_picture_that_is_used(name: str, words: str
     assert found.camera.label == "undecided"
     assert words in found.camera.because
     assert found.state.label == "state_used"
-    single = {one.label for one in found.cameras.values()}
+    single = {camera.label for camera in found.cameras.values()}
     assert single == ({"undecided"} if "@" not in name else {"pose_only", "ignores_camera"})
     ignored = verdict(**GONE, **{name: IGNORED})
     assert (ignored.camera.label, ignored.state.label) == ("ignores_camera", "state_shortcut")
@@ -475,7 +475,7 @@ def test_noise_is_a_remark_and_no_label() -> None:
     """No robot is shown noise; but who answers to it was given its pictures."""
     found = verdict(**GONE, **{"T.noise": USED})
     assert found.camera.label == "ignores_camera"
-    assert any(one.startswith("Noise in place of its pictures changes") for one in found.remarks)
+    assert any(remark.startswith("Noise in place of its pictures changes") for remark in found.remarks)
     same = {**dict.fromkeys(GONE, NOT_ONE_BIT), "follow": UNFOLLOWED, "named": UNFOLLOWED}
     assert "may not be connected" in verdict(**same).camera.because
     assert "does not reach" not in verdict(**same, **{"T.noise": USED}).camera.because
@@ -486,7 +486,7 @@ def test_several_cameras_are_ignored_one_at_a_time() -> None:
     gone = {f"T.{kind}@camera:{name}": IGNORED for kind in ("swapped", "matched") for name in ("top", "wrist")}
     gone |= {f"T.blank@{name}": IGNORED for name in ("top", "wrist")}
     found = verdict(**gone)
-    assert {one.label for one in found.cameras.values()} == {"ignores_camera"}
+    assert {camera.label for camera in found.cameras.values()} == {"ignores_camera"}
     assert "while the others are there: so could wrist, and" in found.cameras["top"].because
     whole = verdict(**gone, **GONE)
     assert "while the others are there" not in whole.because
@@ -510,7 +510,7 @@ def test_what_it_is_told_and_what_it_does_are_two_things() -> None:
     little = Statistic(0.15, 72, (0.12, 0.18), 0.0002)
     found = verdict(named=little)
     assert found.instruction.label == "instruction_followed"
-    assert any("hardly does what it is told" in one for one in found.remarks)
+    assert any("hardly does what it is told" in remark for remark in found.remarks)
     away = verdict(named=REVERSED, follow=REVERSED).instruction
     assert "goes away from what is named" in away.because
 
@@ -572,7 +572,7 @@ def test_who_answers_to_a_nudged_picture_and_to_none_by_more_is_inconsistent() -
     found = verdict(**{"T.nudged": USED, "swap": OPEN})
     assert "one level off" in found.guards["self_inconsistent"]
     assert "another episode's change more is not shown" in found.guards["self_inconsistent"]
-    assert {one.label for one in found.axes.values()} == {"undecided"}
+    assert {axis.label for axis in found.axes.values()} == {"undecided"}
     assert verdict(**{"T.nudged": share(0.0, 0.0)}).guards == {}
     reader = verdict(**{"T.nudged": USED})
     assert (reader.camera.label, reader.guards) == ("object_grounded", {})
@@ -626,14 +626,14 @@ def test_a_number_of_another_unit_is_named_though_the_error_is_small() -> None:
     small = LogDistance(0.4, 72, offset=0.1, spread=9.0, spread_of="dx", offset_of="dy")
     found = verdict(misfit=small)
     assert found.guards == {}
-    assert any(one.startswith("The spread of 'dx' is another by a factor of 9") for one in found.remarks)
+    assert any(remark.startswith("The spread of 'dx' is another by a factor of 9") for remark in found.remarks)
 
 
 def test_a_command_names_the_bank_of_the_run() -> None:
     """By its path, as a shell takes it, wherever a verdict says what to ask."""
     unread = {"T.swapped@state": Share(0.0, 72, (0.0, 0.0), episodes=12, same=1.0)}
-    asked = MissingConditions(bank="banks/my arm")
-    found = judge_policy("m", GOOD | unread, CHANNELS, scope="here.", asked=asked)
+    missingconditions = MissingConditions(bank="banks/my arm")
+    found = judge_policy("m", GOOD | unread, CHANNELS, scope="here.", asked=missingconditions)
     assert "'eyechart doctor SPEC --frames 'banks/my arm'' asks" in found.state.because
     assert "BANK" not in str(found)
 

@@ -29,7 +29,7 @@ from eyechart.channels import (
     told,
 )
 from eyechart.cli.app import app
-from eyechart.conditions import available, find_condition, show, sources
+from eyechart.conditions import find_condition, is_available, show, sources
 from eyechart.conditions.policies import conditions_of, further_conditions, listed_conditions, unshown_channels
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import Frame, FrameBank, Stimulus, decode
@@ -95,7 +95,7 @@ def test_a_match_is_the_nearest_state_of_another_episode(bank: FrameBank) -> Non
     states = np.array([flat_state(frame.state) for frame in bank])
     spread = states.std(axis=0)
     for place, frame in enumerate(bank):
-        if not available("matched@cameras", frame, bank):
+        if not is_available("matched@cameras", frame, bank):
             continue
         other = partner_of(frame, bank, "matched", CAMERAS)
         assert far_apart(frame, other, spread) <= 0.1
@@ -161,8 +161,8 @@ def test_the_files_of_a_condition_are_those_that_it_shows(bank: FrameBank) -> No
     """So that a bundle holds them all."""
     frame = bank.frames[0]
     for name in conditions_of(bank)[0]:
-        assert available(name, frame, bank) or name.startswith(("matched", "near"))
-        if not available(name, frame, bank):
+        assert is_available(name, frame, bank) or name.startswith(("matched", "near"))
+        if not is_available(name, frame, bank):
             continue
         files = sources(name, frame, bank, 0)
         seen = {bank.read(file) for file in files}
@@ -215,8 +215,8 @@ def test_a_camera_whose_pictures_are_all_alike_is_not_exchanged(tmp_path: Path) 
     assert unshown_channels(still) == {"camera:side": why}
     assert {"swapped@cameras", "swapped@camera:front", "blank@side"} <= set(every)
     assert any("swapped@camera:side" in line and line.endswith(why) for line in costs(still))
-    found = CliRunner().invoke(app, ["frames", "check", str(still.root)])
-    assert f"not asked of a policy: camera:side: {why}" in " ".join(found.output.split())
+    result = CliRunner().invoke(app, ["frames", "check", str(still.root)])
+    assert f"not asked of a policy: camera:side: {why}" in " ".join(result.output.split())
     said = json.loads(CliRunner().invoke(app, ["frames", "check", str(still.root), "--json"]).stdout)
     assert (said["ok"], said["unshown"]) == (True, {"camera:side": why})
     assert unshown_channels(arm_bank(tmp_path / "moving", side="moving")) == {}
@@ -237,7 +237,7 @@ def test_a_partners_picture_differs_where_it_can(tmp_path: Path) -> None:
             == bank.frames[partners(bank.frames, "swapped", CAMERAS)[bank.frames.index(frame)]]
         )
         for how in ("matched", "near"):
-            if available(f"{how}@camera:side", frame, bank):
+            if is_available(f"{how}@camera:side", frame, bank):
                 other = partner_of(frame, bank, how, "camera:side")
                 assert digests[other.pictures["side"]] != digests[frame.pictures["side"]]
 
@@ -263,7 +263,7 @@ def test_a_sheet_has_all_cameras_and_what_a_policy_is_told(bank: FrameBank, tmp_
     frame = bank.frames[0]
     write_frame(bank, frame, tmp_path / "one.png")
     both = decode((tmp_path / "one.png").read_bytes(), "one")
-    top, wrist = (decode(one, name) for name, one in bank.images(frame).items())
+    top, wrist = (decode(image, name) for name, image in bank.images(frame).items())
     assert np.array_equal(both, np.concatenate([top, wrist], axis=1))
     write_frame(bank, frame, tmp_path / "other.png", mirrored=True)
     mirrored = decode((tmp_path / "other.png").read_bytes(), "other")

@@ -283,5 +283,5 @@ def test_batteries_and_drives_are_cells_of_one_correlation(
 
 def _scores(folder: Path, scores: Mapping[str, float]) -> Path:
     path = folder / "scores.csv"
-    path.write_text("model,score\n" + "".join(f"{name},{one}\n" for name, one in scores.items()))
+    path.write_text("model,score\n" + "".join(f"{name},{score}\n" for name, score in scores.items()))
     return path

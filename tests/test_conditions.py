@@ -21,9 +21,9 @@ from eyechart.conditions import (
     OF_BANKS,
     OLDER,
     RANGED,
-    available,
     find_condition,
     flip,
+    is_available,
     partner,
     require_partners,
     sample,
@@ -67,7 +67,7 @@ def test_every_condition_keeps_its_contract(name: str, bank: FrameBank) -> None:
     if "text" in CONDITIONS[name].needs:
         told = tuple(replace(frame, fields={"speed": place}) for place, frame in enumerate(bank))
         bank = replace(bank, frames=told, said=("speed",))
-    able = [frame for frame in bank if available(name, frame)]
+    able = [frame for frame in bank if is_available(name, frame)]
     forward = {frame.id: show(name, frame, bank, 3) for frame in able}
     for frame in reversed(able):
         assert show(name, frame, bank, 3) == forward[frame.id]
@@ -78,7 +78,7 @@ def test_every_condition_keeps_its_contract(name: str, bank: FrameBank) -> None:
         else:
             assert decode(picture, name).shape == decode(bank.image(frame), "real").shape
     for frame in bank:
-        if not available(name, frame):
+        if not is_available(name, frame):
             with pytest.raises(BankError, match=f"frame '{frame.id}'"):
                 show(name, frame, bank, 3)
 
@@ -128,10 +128,10 @@ def test_counterfactuals_are_the_drawn_ones_and_only_where_drawn(bank: FrameBank
     """A frame without a lead has none, and says so."""
     for name in COUNTERFACTUALS:
         for frame in bank:
-            assert available(name, frame) == (frame.truth["lead_gap_m"] is not None)
-            if available(name, frame):
+            assert is_available(name, frame) == (frame.truth["lead_gap_m"] is not None)
+            if is_available(name, frame):
                 assert show(name, frame, bank, 0).images == bank.images(frame, name)
-        assert {available(name, frame) for frame in bank} == {True, False}
+        assert {is_available(name, frame) for frame in bank} == {True, False}
 
 
 def test_nudged_is_another_file_of_the_same_picture(bank: FrameBank) -> None:
@@ -144,7 +144,7 @@ def test_nudged_is_another_file_of_the_same_picture(bank: FrameBank) -> None:
     assert len(set(shown)) == 5
     extreme = Extreme(bank.root, bank.frames, bank.manifest)
     places = [pixels("nudged", bank.frames[0], extreme, seed).astype(int) for seed in range(9)]
-    assert all(np.abs(one - [0, 255, 0]).sum() == 1 for one in places)
+    assert all(np.abs(place - [0, 255, 0]).sum() == 1 for place in places)
 
 
 @st.composite
@@ -208,12 +208,12 @@ def test_a_frame_without_an_axis_is_not_mirrored(tmp_path: Path) -> None:
     """It is not available, an error when asked for, and no axis is guessed."""
     bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1, axis="none")
     frame = bank.frames[0]
-    assert not available("mirrored", frame)
+    assert not is_available("mirrored", frame)
     with pytest.raises(BankError, match=f"frame '{frame.id}' has no mirror axis"):
         show("mirrored", frame, bank, 0)
     with pytest.raises(SpecError, match="not 'none'"):
         flip(pixels("real", frame, bank), "none")
-    assert all(available(name, frame) for name in BATTERY if name != "mirrored")
+    assert all(is_available(name, frame) for name in BATTERY if name != "mirrored")
 
 
 def test_cameras_that_mirror_each_other_exchange_their_pictures(tmp_path: Path) -> None:
@@ -239,7 +239,7 @@ def test_a_condition_over_one_camera_leaves_the_others_as_they_are(name: str, tm
         assert over.images["left"] == real["left"]
         assert (over.images.get("right") == real["right"]) == (name in {"real", "real_repeat"})
         assert ("right" in over.images) == (name != "text_only")
-        assert available(f"{name}@right", frame)
+        assert is_available(f"{name}@right", frame)
         assert set(sources(f"{name}@right", frame, rig, 0)) >= set(frame.pictures.values())
     if name in {"blank", "mirrored"}:
         assert over.images["right"] == show(name, frame, rig, 0).images["right"]
@@ -259,7 +259,7 @@ def test_the_source_of_a_condition_is_the_file_that_it_shows(bank: FrameBank) ->
     """Of the paper's conditions and the counterfactuals: a blank, noise and a reflection are made of the frame."""
     for name in (*BATTERY, "lead_near", "lead_far", "recoloured"):
         for frame in bank:
-            if not available(name, frame):
+            if not is_available(name, frame):
                 continue
             files, images = sources(name, frame, bank, 3), show(name, frame, bank, 3).images
             if name == "text_only":
@@ -287,7 +287,7 @@ def test_a_sampled_control_adds_its_share_of_the_calls_and_is_asked_of_enough_to
 @pytest.mark.parametrize(("frames", "conditions"), [(36, 11), (72, 11), (144, 11), (288, 11), (18, 11), (144, 8)])
 def test_the_true_picture_with_the_absent_lead_costs_a_twentieth_at_most(frames: int, conditions: int) -> None:
     """Of all calls without it; its frames are among those of the picture without the lead."""
-    ids, calls = [f"f{one}" for one in range(frames)], frames * conditions
+    ids, calls = [f"f{index}" for index in range(frames)], frames * conditions
     absent, again = (sample(name, ids, calls, 3) for name in (ABSENT, AGAIN))
     assert again <= absent
     assert len(again) >= 0.8 * len(absent) or frames < 36

@@ -33,8 +33,8 @@ def reply(text: str = "SLOW", **fields: object) -> Reply:
 def accounts(sent: list[SentAttempt], prices: Prices = PRICES) -> dict[str, Account]:
     """Return the accounts of these attempts."""
     book = Book(MODE, DRIVING, prices)
-    for one in sent:
-        book.add(one)
+    for attempt in sent:
+        book.add(attempt)
     return book.accounts()
 
 

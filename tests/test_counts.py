@@ -42,11 +42,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a run with every kind of trouble: errors that passed, some that did not, attempts that never came back."""
     folder = tmp_path_factory.mktemp("counts")
     bank = banks.build_bank(folder / "bank", drawn=False).root
-    asked: list[Query] = []
+    queries: list[Query] = []
 
     def troubled(query: Query) -> Reply:
-        asked.append(query)
-        return TROUBLE[len(asked) % len(TROUBLE)]
+        queries.append(query)
+        return TROUBLE[len(queries) % len(TROUBLE)]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ADAPTERS, "standin", "stand_ins")
@@ -78,9 +78,9 @@ def from_ledger(run: Path) -> dict[str, int]:
         sent = list(ledger.attempts(SPEC))
     return {
         "attempts": len(sent),
-        "calls": len({one.key for one in sent}),
-        "errors": sum(one.reply is not None and one.reply.error is not None for one in sent),
-        "unknown": sum(one.reply is None for one in sent),
+        "calls": len({attempt.key for attempt in sent}),
+        "errors": sum(attempt.reply is not None and attempt.reply.error is not None for attempt in sent),
+        "unknown": sum(attempt.reply is None for attempt in sent),
     }
 
 

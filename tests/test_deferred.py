@@ -71,7 +71,9 @@ def test_a_command_that_only_reads_multiplies_in_one_thread(
 def test_the_commands_that_only_read_are_known() -> None:
     """Every command reads, or asks, drives or writes otherwise: a new one is to be put on one side."""
     others = {"doctor", "probe", "demo", "merge", "serve", "ladder", "film", "look"}
-    commands = {one.name or one.callback.__name__ for one in app.registered_commands if one.callback is not None}
+    commands = {
+        command.name or command.callback.__name__ for command in app.registered_commands if command.callback is not None
+    }
     assert commands == cli._READING | others
 
 

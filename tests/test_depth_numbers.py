@@ -8,7 +8,7 @@ import by_hand as hand
 from drawn import HOLE, by_hand
 from eyechart.stats.order import Density, Order, Rise
 from eyechart.stats.paired_tests import Places, SignTest
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.verdicts import Verdict, judge_one
 from eyechart.verdicts.battery_rules import DISTANCE
 from eyechart.verdicts.depth import named
@@ -44,7 +44,7 @@ CASES: tuple[tuple[str, Statistic, str], ...] = (
     ("order_drawn", _order(0.09 + JUST, 0.05 + JUST, 0.2), "fails"),
     ("order_drawn_far", _order(0.045, 0.03, 0.2), "holds"),
     ("order_drawn_far", _order(0.045 + JUST, 0.025 + JUST, 0.2), "fails"),
-    ("order_drawn", cannot_say("no comparison comes out the same way twice"), "not tested"),
+    ("order_drawn", not_available("no comparison comes out the same way twice"), "not tested"),
     ("rise", Rise(2.0, 400, p=0.05 + JUST), "holds"),
     ("rise", Rise(6.0, 400, p=0.05), "fails"),
     ("file", SignTest(0.9, 20, (0.6, 1.0), 0.001, wins=18, losses=2, ties=124), "holds"),
@@ -70,12 +70,12 @@ def test_a_number_says_what_came_of_it_on_both_sides_of_its_threshold(name: str,
 def test_there_are_twelve_and_each_has_a_threshold() -> None:
     """What is read beside them comes after; nobody who was not asked along the range has any."""
     every = numbers_of(by_hand())
-    assert [one.name for one in every] == [*ASKS, *BESIDE]
+    assert [number.name for number in every] == [*ASKS, *BESIDE]
     assert len(ASKS) == 12
-    assert all(needs_of(one.name) for one in every)
-    assert all(refuted_by(one.name) for one in every if one.name in ASKS)
-    assert {one.outcome for one in every} == {"holds"}
-    assert numbers_of(by_hand(sensitivity=cannot_say("not asked"))) == ()
+    assert all(needs_of(number.name) for number in every)
+    assert all(refuted_by(number.name) for number in every if number.name in ASKS)
+    assert {number.outcome for number in every} == {"holds"}
+    assert numbers_of(by_hand(sensitivity=not_available("not asked"))) == ()
 
 
 def test_thresholds_are_in_words_of_the_rows() -> None:

@@ -13,7 +13,7 @@ from eyechart.errors import SpecError
 from eyechart.gate import hold
 from eyechart.stats.order import Density, Order, Rise
 from eyechart.stats.paired_tests import Places, SignTest
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.depth import NAMES
 from eyechart.verdicts import LABELS, Evidence, Verdict, controls_wanted, judge_one
 from eyechart.verdicts.battery_rules import DISTANCE
@@ -163,7 +163,9 @@ def test_each_clause_decides_at_its_threshold(case: str) -> None:
 @pytest.mark.parametrize("clause", [*SHOWN, *REFUTING], ids=lambda clause: f"{clause.statistic} {clause.readings[0]}")
 def test_what_cannot_be_said_is_neither_shown_nor_refuted(clause: Clause) -> None:
     """A clause has no outcome where its numbers are missing; nothing is called content for want of an answer."""
-    silent = {clause.statistic: Density(None, 0, fewest=None) if "drawn" in clause.statistic else cannot_say("nothing")}  # type: ignore[arg-type]
+    silent = {
+        clause.statistic: Density(None, 0, fewest=None) if "drawn" in clause.statistic else not_available("nothing")
+    }  # type: ignore[arg-type]
     assert clause.outcome(silent) is None
     assert ruled(**silent).label in {"depth", "depth_associated"}
 
@@ -174,13 +176,13 @@ NEEDED = ("sensitivity", "specificity", "order", "rise", "file", "drawn_distance
 @pytest.mark.parametrize("name", NEEDED)
 def test_depth_is_not_given_for_want_of_an_answer(name: str) -> None:
     """Without one of the five kinds, or distances, it is associated at most."""
-    assert ruled(**{name: cannot_say("nothing")}).label == "depth_associated"
+    assert ruled(**{name: not_available("nothing")}).label == "depth_associated"
 
 
-@pytest.mark.parametrize("name", [*(f"specificity_{one}" for one in THIRDS), *(f"order_{one}" for one in KINDS)])
+@pytest.mark.parametrize("name", [*(f"specificity_{one}" for one in THIRDS), *(f"order_{kind}" for kind in KINDS)])
 def test_a_part_that_no_frame_shows_is_named(name: str) -> None:
     """It is depth, and what is not excluded keeps a gate from being met."""
-    found = by_hand(**{name: cannot_say("nothing")})
+    found = by_hand(**{name: not_available("nothing")})
     assert DISTANCE.evaluate(found).label == "depth"
     assert len(list(open_kinds(found))) == 1
 
@@ -212,8 +214,10 @@ def test_a_hole_is_said_first_with_its_counts() -> None:
 
 def test_without_pictures_along_the_range_it_says_how_far_was_tested() -> None:
     """A run of an older bank."""
-    silent = {name: cannot_say("") for name in by_hand() if name.startswith(("sens", "spec", "order", "rise", "file"))}
-    ruling = ruled(**silent, drawn_distances=cannot_say("beyond 9 m"))
+    silent = {
+        name: not_available("") for name in by_hand() if name.startswith(("sens", "spec", "order", "rise", "file"))
+    }
+    ruling = ruled(**silent, drawn_distances=not_available("beyond 9 m"))
     assert ruling.label == "depth_associated"
     assert "not tested beyond 9 m" in str(ruling.reason)
 
@@ -239,8 +243,8 @@ def test_a_coin_does_not_turn_content_into_depth() -> None:
 
     for coin in (0.0, 0.2, 0.4):
         for seed in range(3):
-            found = found_of(answered(reversed_on_a_fifth, coin=coin, seed=seed))
-            assert DISTANCE.evaluate(found).label != "depth", coin
+            statistics = found_of(answered(reversed_on_a_fifth, coin=coin, seed=seed))
+            assert DISTANCE.evaluate(statistics).label != "depth", coin
 
 
 def test_who_brakes_for_any_lane_does_not_earn_depth() -> None:
@@ -260,7 +264,7 @@ def test_a_scenario_without_braking_is_named_and_the_rest_holds() -> None:
     """Blind in one scenario of four: the place by name, with counts."""
     moved = answered(grades)
     blind = moved.strata["scenario"] == "blocked"
-    moved = replace(moved, levels={name: np.where(blind, 0.0, one) for name, one in moved.levels.items()})
+    moved = replace(moved, levels={name: np.where(blind, 0.0, level) for name, level in moved.levels.items()})
     ruling = DISTANCE.evaluate(found_of(moved))
     assert ruling.label == "partial_depth"
     assert str(ruling.reason).startswith("brakes by distance, not in `blocked`: 0 of 36;")
@@ -296,18 +300,18 @@ def test_a_reader_that_takes_the_far_road_for_free_earns_depth(free: float) -> N
     early = partial(late, limit=9.5)
     moved = answered(early)
     assert DISTANCE.evaluate(found_of(moved)).label == "partial_depth"
-    assert [one.of for one in moved.holes()] == ["range", "range"]
-    assert any(one.of == "range" for one in answered(with_a_gap).holes())
+    assert [hole.of for hole in moved.holes()] == ["range", "range"]
+    assert any(hole.of == "range" for hole in answered(with_a_gap).holes())
 
 
 def test_a_place_the_wrong_way_round_is_no_hole() -> None:
     """Braking for the farther lead in one scenario is content, and the place is named."""
     moved = answered(grades)
     wrong = moved.strata["scenario"] == "blocked"
-    moved = replace(moved, levels={name: np.where(wrong, 1 - one, one) for name, one in moved.levels.items()})
-    found = found_of(moved)
-    assert DISTANCE.evaluate(found).label == "content"
-    assert "in `blocked`" in found["place_reversed"].note
+    moved = replace(moved, levels={name: np.where(wrong, 1 - level, level) for name, level in moved.levels.items()})
+    statistics = found_of(moved)
+    assert DISTANCE.evaluate(statistics).label == "content"
+    assert "in `blocked`" in statistics["place_reversed"].note
 
 
 def test_few_frames_earn_no_depth() -> None:
@@ -381,7 +385,7 @@ def test_a_gate_reads_the_label_and_what_is_not_excluded(
         (_order(0.02, 0.0, 0.05), 2),
         (_order(0.08, 0.05, 0.12), 2),
         (_order(0.08, 0.05 + OVER, 0.12), 1),
-        (cannot_say("nothing was asked"), 2),
+        (not_available("nothing was asked"), 2),
     ],
 )
 def test_a_gate_may_ask_for_a_stricter_bound_of_order(order: Statistic, exit_code: int) -> None:
@@ -423,7 +427,8 @@ def test_every_verdict_of_depth_says_why_it_is_no_stronger_one(case: str) -> Non
 def test_the_answer_of_every_label_is_declared() -> None:
     """Yes, in part, no; what is not decided is inconclusive."""
     answers = {
-        answer: {name for name, one in LABELS.items() if one.answer == answer} for answer in ("Yes", "In part", "No")
+        answer: {name for name, label in LABELS.items() if label.answer == answer}
+        for answer in ("Yes", "In part", "No")
     }
     assert answers["Yes"] == {"depth", "depth_lateral"}
     assert answers["In part"] == {"partial_depth", "depth_associated", "content"}
@@ -435,17 +440,17 @@ SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT, AGAIN)
 
 def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
     """Of whom brakes harder for the near lead, and of nobody else; where a bank lacks one, the older controls are."""
-    found = {**hand.reader(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
+    found = {**hand.reader(), **dict.fromkeys(NAMES, not_available("not asked"))}
     assert controls_wanted(found, supplied=SUPPLIED, asked=()) == RANGED
     assert controls_wanted(found, supplied=SUPPLIED[1:], asked=()) != RANGED
     assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, asked=RANGED) == ()
-    blind = {**hand.blind(), **dict.fromkeys(NAMES, cannot_say("not asked"))}
+    blind = {**hand.blind(), **dict.fromkeys(NAMES, not_available("not asked"))}
     assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT, AGAIN)
 
 
 def test_a_file_that_was_not_tested_keeps_from_depth_and_is_named() -> None:
     """All else holds: the label, its sentence and why it is no more say so."""
-    found = by_hand(file=cannot_say("no nudged picture was answered"))
+    found = by_hand(file=not_available("no nudged picture was answered"))
     ruling = DISTANCE.evaluate(found)
     assert ruling.label == "depth_associated"
     assert "whether it follows the file was not tested" in str(ruling.reason)

@@ -121,6 +121,6 @@ def test_doors_are_found_under_other_names_and_in_inner_functions(tmp_path: Path
     text = "from json import loads as parse\nimport sqlite3 as sql\nclass A:\n def b(self):\n  def c(): parse(1)\n"
     text += "sql.connect('x')"
     (tmp_path / "one.py").write_text(text)
-    assert {(one.function, one.kind) for one in doors(tmp_path)} == {("A.b.c", "parser"), ("<module>", "database")}
+    assert {(door.function, door.kind) for door in doors(tmp_path)} == {("A.b.c", "parser"), ("<module>", "database")}
     with pytest.raises(FileNotFoundError):
         doors(tmp_path / "none")

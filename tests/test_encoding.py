@@ -70,11 +70,11 @@ def mixed(tmp_path: Path) -> FrameBank:
 
 def chunks(picture: bytes) -> list[bytes]:
     """Return the kinds of a PNG's chunks."""
-    found, at = [], 8
+    result, at = [], 8
     while at < len(picture):
-        found.append(picture[at + 4 : at + 8])
+        result.append(picture[at + 4 : at + 8])
         at += 12 + int.from_bytes(picture[at : at + 4], "big")
-    return found
+    return result
 
 
 def test_every_condition_leaves_as_a_png_of_pixels_alone(mixed: FrameBank, tmp_path: Path) -> None:
@@ -95,8 +95,8 @@ def test_every_condition_leaves_as_a_png_of_pixels_alone(mixed: FrameBank, tmp_p
 def test_a_model_that_looks_at_the_kind_of_file_alone_is_found_blind(mixed: FrameBank, tmp_path: Path) -> None:
     """It told blank from real; now it answers all alike."""
     battery.run(battery.plan(mixed.root, ["kind:of"], tmp_path / "run", conditions=ASKED))
-    found = battery.score(tmp_path / "run", resamples=100).models["kind:of"].statistics
-    assert (found["agree.blank"].value, found["agree.mirrored"].value) == (1.0, 1.0)
+    statistics = battery.score(tmp_path / "run", resamples=100).models["kind:of"].statistics
+    assert (statistics["agree.blank"].value, statistics["agree.mirrored"].value) == (1.0, 1.0)
 
 
 def test_a_run_of_an_older_eyechart_goes_on_as_it_began(mixed: FrameBank, tmp_path: Path) -> None:
@@ -111,8 +111,8 @@ def test_a_run_of_an_older_eyechart_goes_on_as_it_began(mixed: FrameBank, tmp_pa
     more = battery.plan(mixed.root, ["kind:of"], tmp_path / "run", conditions=("real", "blank", "mirrored"))
     assert (more.manifest.encoding, more.plan.bank.plain) == ("stored", False)
     battery.run(more)
-    found = battery.score(tmp_path / "run", resamples=100).models["kind:of"].answers
-    kinds = [one is not None and one.action for one in found.decisions["real"]]
+    answers = battery.score(tmp_path / "run", resamples=100).models["kind:of"].answers
+    kinds = [one is not None and one.action for one in answers.decisions["real"]]
     assert kinds[:3] == ["STOP", "STRAIGHT", "STRAIGHT"]
 
 

@@ -92,7 +92,7 @@ def test_two_writers_of_one_place_do_not_mix(writer: str, tmp_path: Path) -> Non
         if writer == "file":
             made.write_bytes(b"GIF8")
     assert out.exists()
-    assert [one.name for one in tmp_path.iterdir()] == ["out"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize("writer", WRITERS)
@@ -172,12 +172,12 @@ def test_a_run_follows_a_link(leads: str, tmp_path: Path) -> None:
     if leads in {"to a folder", "to a file"}:
         there.parent.mkdir()
         there.mkdir() if leads == "to a folder" else there.write_text("mine")
-    asked = battery.BatterySelection(limit=1, controls="none")
+    selection = battery.BatterySelection(limit=1, controls="none")
     if leads in {"to itself", "to a file"}:
         with pytest.raises(LedgerError, match=r"out (cannot be made|exists and is no run).*choose another"):
-            battery.run(battery.plan(bank, [MODEL], out, extent=asked))
+            battery.run(battery.plan(bank, [MODEL], out, extent=selection))
         return
-    battery.run(battery.plan(bank, [MODEL], out, extent=asked))
+    battery.run(battery.plan(bank, [MODEL], out, extent=selection))
     assert out.is_symlink()
     assert is_run(there)
 
@@ -196,4 +196,4 @@ def test_artefacts_that_find_no_room_leave_the_earlier_ones(tmp_path: Path, monk
             write(table("second"), tmp_path)
     assert content_of(tmp_path) == held
     write(table("second"), tmp_path)
-    assert {one.name for one in tmp_path.iterdir()} == {"second.csv", "second.md", "second.tex", ".paper.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {"second.csv", "second.md", "second.tex", ".paper.json"}

@@ -100,8 +100,8 @@ def test_every_fault_becomes_its_own_kind_and_every_call_one_outcome(bank: Frame
     assert set(by_fault) == set(FAULTS)
     attempts = [one for calls in by_fault.values() for call in calls for one in call]
     assert len(attempts) == server.requests == len(server.asked)
-    assert all(one.reply is not None for one in attempts)
-    assert {one.key for one in attempts} == set(plan.keys())
+    assert all(attempt.reply is not None for attempt in attempts)
+    assert {attempt.key for attempt in attempts} == set(plan.keys())
 
     for fault, calls in by_fault.items():
         for call in calls:
@@ -186,7 +186,10 @@ def test_a_server_that_asks_for_a_long_rest_gets_it(bank: FrameBank, ledger: Led
         "the same command goes on later"
     )
     assert asked.count("m") <= 4
-    assert all(one.number == 1 and one.reply and one.reply.retry_after_s == 3600 for one in ledger.attempts(SPEC))
+    assert all(
+        attempt.number == 1 and attempt.reply and attempt.reply.retry_after_s == 3600
+        for attempt in ledger.attempts(SPEC)
+    )
     assert ledger.finished() == set(plan.keys_of("openai:other"))
 
 
@@ -224,7 +227,7 @@ def test_a_model_that_cannot_answer_is_set_aside_at_once_and_the_others_go_on(
         assert says in outcome.set_aside[SPEC]
         attempts = list(ledger.attempts(SPEC))
         assert 1 <= len(attempts) <= 5  # a 403 or a 404 may be about one call: the next one tells
-        assert {one.reply.error for one in attempts if one.reply} == {kind}
+        assert {attempt.reply.error for attempt in attempts if attempt.reply} == {kind}
         assert ledger.finished() == set(plan.keys_of("openai:other"))
     with FaultServer() as mended:
         assert ask(mended, plan, ledger) == RunOutcome({})

@@ -27,8 +27,8 @@ def test_a_run_killed_at_twenty_moments_repeats_only_what_was_under_way(tmp_path
     env = os.environ | {"PYTHONPATH": str(Path(killed.__file__).parent)}
     with FaultServer([_seeded], pause_s=0.12) as server:
         words = [sys.executable, killed.__file__, str(bank.root), str(out), server.base_url, str(KILLS)]
-        told = subprocess.run(words, env=env, check=True, capture_output=True, text=True, timeout=120)
-        ends = [int(line) for line in told.stdout.split()]
+        process = subprocess.run(words, env=env, check=True, capture_output=True, text=True, timeout=120)
+        ends = [int(line) for line in process.stdout.split()]
         assert ends == [-signal.SIGKILL] * KILLS
         mode = RequestMode(killed.SPEC, base_url=server.base_url, seed=True)
         planned = study.plan(bank.root, [mode], out, seed=7)
@@ -43,12 +43,12 @@ def test_a_run_killed_at_twenty_moments_repeats_only_what_was_under_way(tmp_path
         replies = {key: reply.text for key, reply in ledger.replies(killed.SPEC)}
     keys = set(replies)  # those of later stages too
     assert keys > set(planned.plan.keys())
-    lost = [one for one in sent if one.reply is None]
+    lost = [attempt for attempt in sent if attempt.reply is None]
     assert planned.counts() == (len(keys), len(keys), 0)
-    assert Counter(one.key for one in sent if one.reply is not None) == Counter(keys)
+    assert Counter(attempt.key for attempt in sent if attempt.reply is not None) == Counter(keys)
     assert len(sent) == len(keys) + len(lost)
     assert 0 < len(lost) <= (KILLS + 1) * killed.CONCURRENCY
-    assert sum(one.reason == UNKNOWN for one in sent) == len(lost)
-    assert all(one.reason == (UNKNOWN if one.number > 1 else None) for one in sent)
+    assert sum(attempt.reason == UNKNOWN for attempt in sent) == len(lost)
+    assert all(attempt.reason == (UNKNOWN if attempt.number > 1 else None) for attempt in sent)
     assert len(sent) - len(lost) <= server.requests <= len(sent)
     assert replies == {key: answered[key.seed(7) % 2**31] for key in keys}

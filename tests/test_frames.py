@@ -392,8 +392,8 @@ def test_a_bank_that_was_checked_is_decoded_once_and_still_watched(
 ) -> None:
     """What is decoded again in a process is what changed since, even where the manifest was changed with it."""
     decoded = []
-    opened = pictures.opened
-    monkeypatch.setattr(pictures, "opened", lambda *words: decoded.append(words[1]) or opened(*words))
+    opened = pictures.open_picture
+    monkeypatch.setattr(pictures, "open_picture", lambda *words: decoded.append(words[1]) or opened(*words))
     assert check(bank.root) == []
     decoded.clear()
     assert check(bank.root) == []

@@ -177,7 +177,9 @@ def test_votes_that_were_asked_for_in_another_mode_are_refused(table: study.Vote
 
 def test_the_column_split_is_heeded_wherever_votes_are_read(say: Say, table: study.VoteTable, tmp_path: Path) -> None:
     """The rows of --bound FILE that are bound, and for nested those that are not."""
-    parts = np.array(["calibration" if one < "e04" else "score" if one < "e07" else "bound" for one in table.episodes])
+    parts = np.array(
+        ["calibration" if episode < "e04" else "score" if episode < "e07" else "bound" for episode in table.episodes]
+    )
     votes, about = published_votes.write(replace(table, split=tuple(parts)), tmp_path)
     guardian = tmp_path / "guardian.json"
     assert say("guardian", "fit", votes, "--about", about, "--out", guardian)[0] == 0
@@ -218,7 +220,7 @@ def test_a_run_that_is_not_finished_chooses_no_guardian(
             choose(half)
     frozen = study.fit(table.part("calibration"))
     some = replace(table.part("score"), unfinished={GEMMA: 7, "another": 1})
-    assert any("not finished: 7 calls are left" in one for one in study.score(frozen, some).warnings)
+    assert any("not finished: 7 calls are left" in warning for warning in study.score(frozen, some).warnings)
     with pytest.raises(GuardianError, match=r"not finished: 7 calls are left.*before you take a bound from it"):
         study.bound(frozen, some)
     battery.run(plan)

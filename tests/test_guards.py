@@ -40,9 +40,9 @@ def sent_with(say: Say = fine, frames: int = 10) -> list[SentAttempt]:
 def guards(sent: list[SentAttempt], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
     """Return every guard of these attempts."""
     checks, book = GuardChecks(mode, DRIVING), Book(mode, DRIVING, read_prices())
-    for one in sent:
-        checks.add(one)
-        book.add(one)
+    for attempt in sent:
+        checks.add(attempt)
+        book.add(attempt)
     return checks.guards(planned, "abcdef0123", book.accounts()[ALL].words)
 
 

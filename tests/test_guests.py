@@ -73,8 +73,11 @@ def rows(run: Path, model: str) -> dict[tuple[str, str], tuple[str, str]]:
     """Return the digest and the reply of each call of a model."""
     with Ledger(run / LEDGER) as ledger:
         return {
-            (one.key.frame, one.key.condition): (one.request_sha256, one.reply.text if one.reply else "")
-            for one in ledger.attempts(model)
+            (attempt.key.frame, attempt.key.condition): (
+                attempt.request_sha256,
+                attempt.reply.text if attempt.reply else "",
+            )
+            for attempt in ledger.attempts(model)
         }
 
 
@@ -128,14 +131,14 @@ def test_a_call_that_is_made_again_is_shown_what_it_was_shown_first(bank: FrameB
 def test_a_stimulus_cannot_be_changed_and_can_be_copied() -> None:
     """Also not by changing what it was made of; a worker in another process gets one that is equal."""
     images, state = {"main": BLACK}, {"joints": (1.0,)}
-    shown = Stimulus(images, {"speed": 3}, state)
+    stimulus = Stimulus(images, {"speed": 3}, state)
     images["main"], state["joints"] = b"", (2.0,)
-    assert (shown.images["main"], shown.state["joints"]) == (BLACK, (1.0,))
-    for part in (shown.images, shown.fields, shown.state):
+    assert (stimulus.images["main"], stimulus.state["joints"]) == (BLACK, (1.0,))
+    for part in (stimulus.images, stimulus.fields, stimulus.state):
         with pytest.raises(TypeError):
             part["main"] = b""  # type: ignore[index]
-    for copied in (pickle.loads(pickle.dumps(shown)), deepcopy(shown)):  # noqa: S301 - its own
-        assert copied == shown
+    for copied in (pickle.loads(pickle.dumps(stimulus)), deepcopy(stimulus)):  # noqa: S301 - its own
+        assert copied == stimulus
 
 
 class Changes:
@@ -202,10 +205,10 @@ def test_two_digests_of_one_call_fail_a_guard(bank: FrameBank, tmp_path: Path) -
 def _change_digest(run: Path, model: str) -> None:
     """Have one call of a model be of another picture, as it was where a guest had changed it before it was sent."""
     with Ledger(run / LEDGER) as ledger:
-        sent = [one for spec in ledger.models() for one in ledger.attempts(spec)]
+        sent = [attempt for spec in ledger.models() for attempt in ledger.attempts(spec)]
     for file in run.glob("ledger*"):
         file.unlink()
-    changed = next(one.key for one in sent if one.key.model == model)
+    changed = next(attempt.key for attempt in sent if attempt.key.model == model)
     with Ledger(run / LEDGER, create=True) as ledger:
         for one in sent:
             assert one.reply is not None

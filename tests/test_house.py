@@ -221,11 +221,11 @@ SPACES = {"Space", "Discrete", "SceneSpace", "MotionSpace"}
 def kinds_asked(tree: ast.Module) -> list[str]:
     """Return where a module asks which kind of space something is: by isinstance, its type, or a pattern."""
     named = {
-        one.asname or one.name
+        name.asname or name.name
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("eyechart.spaces")
-        for one in node.names
-        if one.name in SPACES
+        for name in node.names
+        if name.name in SPACES
     }
 
     def is_kind(node: ast.AST) -> bool:
@@ -244,7 +244,11 @@ def kinds_asked(tree: ast.Module) -> list[str]:
         ):
             asked += [node] if is_kind(node.args[1]) else []
         elif isinstance(node, ast.Compare) and any(isinstance(one, ast.Is | ast.IsNot | ast.Eq) for one in node.ops):
-            asked += [node] if any(is_kind(one) for one in node.comparators if isinstance(one, ast.Name)) else []
+            asked += (
+                [node]
+                if any(is_kind(comparator) for comparator in node.comparators if isinstance(comparator, ast.Name))
+                else []
+            )
         elif isinstance(node, ast.MatchClass) and is_kind(node.cls):
             asked.append(node)
     return [ast.unparse(one) for one in asked]

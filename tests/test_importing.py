@@ -321,9 +321,9 @@ def test_a_missing_column_costs_its_own_tests_by_name_and_the_battery_still_runs
     bank = imported(photographs.as_csv(photographs.rows(), without=gone), columns=places, space=space(), **changes)
     assert any(line.startswith(said) for line in costs(bank))
     verdict = verdict_of(bank, tmp_path / "run")
-    found = battery.score(tmp_path / "run", resamples=500).models["driver:looks"].statistics
-    assert (found[statistic].value, found[statistic].p) == (None, None)
-    assert why in found[statistic].note
+    statistics = battery.score(tmp_path / "run", resamples=500).models["driver:looks"].statistics
+    assert (statistics[statistic].value, statistics[statistic].p) == (None, None)
+    assert why in statistics[statistic].note
     assert verdict.calibrated.label == {"gap": "content", "episode": "content"}.get(missing, "depth_associated")
     if missing == "mirror":
         assert verdict.lateral.label == "not_tested"
@@ -334,10 +334,10 @@ def test_a_missing_column_costs_its_own_tests_by_name_and_the_battery_still_runs
     if missing == "episode":
         assert "no episodes recorded" in verdict.scope
         gap_tests = [
-            one for name, one in found.items() if name.startswith(("obstacle", "mutual_information", "gap_order"))
+            one for name, one in statistics.items() if name.startswith(("obstacle", "mutual_information", "gap_order"))
         ]
         assert len(gap_tests) == 5
-        assert all(one.p is None and one.value is None for one in gap_tests)
+        assert all(gap_test.p is None and gap_test.value is None for gap_test in gap_tests)
         declared = battery.score(tmp_path / "run", resamples=500, independent=True)
         assert judge(declared)["driver:looks"].calibrated.label == "depth_associated"
 

@@ -87,7 +87,7 @@ def rows(folder: Path, *, gap: int | None = None) -> list[str]:
             after = act({"front": pixels}, state, task)[0]
             numbers = [*state, *after]
             if not (drive == 0 and step == gap):
-                lines.append(",".join([*names, str(drive), str(step), task, *(f"{one:.6f}" for one in numbers)]))
+                lines.append(",".join([*names, str(drive), str(step), task, *(f"{number:.6f}" for number in numbers)]))
             state = after + rng.normal(0, 0.02, 2)
     return lines
 
@@ -107,7 +107,7 @@ def test_each_frame_has_the_motion_of_the_rows_that_follow_it(tmp_path: Path) ->
     space = bank.manifest.motion
     assert space is not None
     assert (space.shape, space.kind, space.rate_hz) == ((3, 2), "absolute", 10)
-    assert [(one.name, one.unit, one.scale, one.state) for one in space.dimensions] == [
+    assert [(dimension.name, dimension.unit, dimension.scale, dimension.state) for dimension in space.dimensions] == [
         ("pan", "rad", None, 0),
         ("a1", "", 0.5, 1),
     ]
@@ -335,7 +335,7 @@ def test_a_mirrored_moment_of_an_imported_log_is_shown_and_scored(
     monkeypatch.syspath_prepend(Path(__file__).parent)
     specs = [f"python:test_importing_motions:{name}" for name in ("act", "leans")]
     policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=("real", "real_repeat", "mirrored")))
-    even, leaning = (one.statistics["mirror"].value for one in policy.score(tmp_path / "run").models.values())
+    even, leaning = (model.statistics["mirror"].value for model in policy.score(tmp_path / "run").models.values())
     assert even == pytest.approx(0, abs=1e-9)
     assert leaning is not None
     assert leaning > 0.05
@@ -499,9 +499,9 @@ def test_every_command_on_a_bank_says_what_looks_wrong_in_its_log(
     again = ["frames", "import", tmp_path, "--table", tmp_path / "t.csv", "--rig", tmp_path / "rig.toml"]
     asked = ["run", "policy", "--policy", "python:arm_logs:by_front", "--frames", bank.root, "--out", tmp_path / "run"]
     for words in ([*again, "--out", tmp_path / "again"], ["frames", "check", bank.root], [*asked, "--dry-run"]):
-        found = CliRunner().invoke(app, [str(word) for word in words])
-        assert found.exit_code == 0, found.output
-        assert found.stderr.splitlines().count(said) == 1
+        result = CliRunner().invoke(app, [str(word) for word in words])
+        assert result.exit_code == 0, result.output
+        assert result.stderr.splitlines().count(said) == 1
     assert said in " ".join(CliRunner().invoke(app, ["plan", str(bank.root)]).stdout.split())
     for words in (["plan", str(bank.root)], ["frames", "check", str(bank.root)]):
         assert json.loads(CliRunner().invoke(app, [*words, "--json"]).stdout)["notes"] == [said]
@@ -531,9 +531,9 @@ def encoded(pixels: np.ndarray) -> np.ndarray:
 
 def moved(pixels: np.ndarray) -> np.ndarray:
     """Return a picture with something small in it, which changes it by less than three levels on average."""
-    found = np.pad(pixels, ((0, 34), (0, 32), (0, 0)), mode="edge")
-    found[20:24, 20:24] = 255 - found[20:24, 20:24]
-    return found
+    result = np.pad(pixels, ((0, 34), (0, 32), (0, 0)), mode="edge")
+    result[20:24, 20:24] = 255 - result[20:24, 20:24]
+    return result
 
 
 def forks(folder: Path, lines: Rows) -> None:
@@ -642,15 +642,15 @@ def test_repeats_that_are_wanted_are_kept_with_a_warning(tmp_path: Path) -> None
     words = ["frames", "import", tmp_path, "--table", tmp_path / "t.csv", "--rig", tmp_path / "rig.toml"]
     words += ["--prompt-columns", "task"]
     for keep, out, frames in ((["--keep-repeats"], "kept", 60), ([], "left", 48)):
-        found = CliRunner().invoke(app, [str(one) for one in [*words, *keep, "--out", tmp_path / out]])
-        assert found.exit_code == 0, found.output
+        result = CliRunner().invoke(app, [str(one) for one in [*words, *keep, "--out", tmp_path / out]])
+        assert result.exit_code == 0, result.output
         bank = open_bank(tmp_path / out)
         assert len(bank) == frames
         assert bank.manifest.settings.get("keep_repeats") is (True if keep else None)
         pairs = [(one["episode"], one["of"]) for one in bank.manifest.settings["repeats"]]  # type: ignore[attr-defined]
         assert pairs == [("2b", "2"), ("5b", "5")]
         (said,) = repeated(bank)
-        assert said in found.stderr.splitlines()
+        assert said in result.stderr.splitlines()
         assert said.startswith("warning: 2 episodes repeat others: " if keep else "2 episodes are others again: ")
         assert said.endswith(
             "kept, as --keep-repeats says, and counted twice" if keep else "--keep-repeats imports them"

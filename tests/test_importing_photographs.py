@@ -14,7 +14,7 @@ from PIL import Image
 
 import photographs
 from eyechart import cli
-from eyechart.conditions import available
+from eyechart.conditions import is_available
 from eyechart.errors import BankError, SourceError, SpecError
 from eyechart.frames import RGB, FrameBank, check, decode, made_plain, read_colour, require_plain
 from eyechart.importing import Choices, Convert, costs, import_table, read_rig, taken
@@ -110,7 +110,7 @@ def test_an_odd_picture_is_refused_and_made_plain_where_that_is_asked(name: str)
         require_plain(picture, name)
     assert refused in str(caught.value)
     pixels, words = made_plain(picture, name, background=read_colour("#ffff00"))
-    assert any(done in one for one in words)
+    assert any(done in word for word in words)
     assert np.abs(pixels.astype(int) - what_is_seen(name)).max() <= 8
     assert require_plain(encoded(Image.fromarray(pixels), "PNG"), name) == "image/png"
 
@@ -368,7 +368,7 @@ def test_a_mirror_axis_may_be_a_column(photos: Path, tmp_path: Path) -> None:
     table = table_of(rows, tmp_path / "t.csv")
     bank = import_table(photos, table, tmp_path / "bank", Choices())
     assert [frame.mirror_axis for frame in bank][:3] == ["horizontal", "vertical", "none"]
-    assert [available("mirrored", frame) for frame in bank][:3] == [True, True, False]
+    assert [is_available("mirrored", frame) for frame in bank][:3] == [True, True, False]
     given = import_table(photos, table, tmp_path / "given", Choices(mirror="horizontal"))
     assert {frame.mirror_axis for frame in given} == {"horizontal"}
     both = Choices(mirror="horizontal", columns={"mirror": "mirror_axis"})
@@ -395,8 +395,8 @@ def rig_bank(photos: Path, tmp_path: Path, rig: str = RIG, **cells: str) -> Fram
     """Import photographs as those of two cameras, with the lead moved near in each; ``cells`` are of the first row."""
     paths = [str(row["photo"]) for row in photographs.rows()]
     rows = [
-        {"photo": one, "rear": paths[-1 - n], "near_front": paths[(n + 1) % 64], "near_rear": paths[(n + 2) % 64]}
-        for n, one in enumerate(paths)
+        {"photo": path, "rear": paths[-1 - n], "near_front": paths[(n + 1) % 64], "near_rear": paths[(n + 2) % 64]}
+        for n, path in enumerate(paths)
     ]
     rows[0] |= cells
     (tmp_path / "rig.toml").write_text(rig)

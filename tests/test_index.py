@@ -102,9 +102,9 @@ def test_a_model_over_time_is_held_against_the_run_before(folder: Path) -> None:
 
 def test_models_stand_side_by_side_by_bank(folder: Path) -> None:
     """A bank a column; who was not asked there has a dash."""
-    found = models_table(read_index(folder, READING, silent))
-    assert found.names == ["model", "steps-3", "steps-4"]
-    assert next(row for row in found.texts() if row[0] == NOISY)[2] == "—"
+    table = models_table(read_index(folder, READING, silent))
+    assert table.names == ["model", "steps-3", "steps-4"]
+    assert next(row for row in table.texts() if row[0] == NOISY)[2] == "—"
 
 
 def test_a_prompt_study_is_one_run_and_runs_of_one_prompt_are_several(tmp_path: Path, folder: Path) -> None:
@@ -183,7 +183,7 @@ def test_a_headline_denies_nothing_that_its_rows_say() -> None:
 
 def counted_as(found: Mapping[str, ModelSummary]) -> dict[str, str]:
     """Return by model what an index counts it under where it stands alone."""
-    alone = {spec: Entry("run", "runs", "2026-11-26", spec, "bank", (), one) for spec, one in found.items()}
+    alone = {spec: Entry("run", "runs", "2026-11-26", spec, "bank", (), summary) for spec, summary in found.items()}
     said = {spec: re.search(r": 1 (.+), of 1", overview._counted([one])) for spec, one in alone.items()}
     return {spec: one[1] for spec, one in said.items() if one}
 

@@ -29,18 +29,23 @@ def test_a_log_in_json_holds_every_reply_as_the_model_gave_it() -> None:
     log = open_log(JSON)
     assert (log.model, log.version, log.count) == ("mockllm/eye", "0.3.285", 24)
     found = answers(JSON)
-    assert Counter(one.repeat for one in found) == {0: 12, 1: 12}
-    assert Counter(one.condition for one in found) == {"real": 8, "blank": 8, "text_only": 8}
-    replies = [one.reply for one in found if one.reply is not None]
+    assert Counter(answer.repeat for answer in found) == {0: 12, 1: 12}
+    assert Counter(answer.condition for answer in found) == {"real": 8, "blank": 8, "text_only": 8}
+    replies = [answer.reply for answer in found if answer.reply is not None]
     assert len(replies) == 24
-    failed = [one for one in replies if one.error]
-    assert {(one.text, one.error, one.error_detail) for one in failed} == {("", "exception", "the server was away")}
-    came = [one for one in replies if not one.error]
-    assert {one.text for one in came} <= {"STOP", "SLOW", "LEFT"}
-    assert {one.finish_reason for one in came} <= {"stop", "length"}
-    told = {(one.prompt_tokens, one.completion_tokens, one.reasoning_tokens, one.cost_usd, one.served) for one in came}
+    failed = [reply for reply in replies if reply.error]
+    assert {(reply.text, reply.error, reply.error_detail) for reply in failed} == {
+        ("", "exception", "the server was away")
+    }
+    came = [reply for reply in replies if not reply.error]
+    assert {reply.text for reply in came} <= {"STOP", "SLOW", "LEFT"}
+    assert {reply.finish_reason for reply in came} <= {"stop", "length"}
+    told = {
+        (reply.prompt_tokens, reply.completion_tokens, reply.reasoning_tokens, reply.cost_usd, reply.served)
+        for reply in came
+    }
     assert told == {(7, 2, 1, 0.25, "eye-1")}
-    thought = {one.condition: one.reply.reasoning for one in found if one.reply and not one.reply.error}
+    thought = {answer.condition: answer.reply.reasoning for answer in found if answer.reply and not answer.reply.error}
     assert thought["text_only"] == "no picture"
     assert thought["real"] == ""
 
@@ -50,9 +55,9 @@ def test_a_log_in_eval_holds_the_same_replies() -> None:
     """Its samples are packed with Zstandard."""
     said = [
         {
-            (one.call, one.repeat, one.reply.text, one.reply.error, one.reply.reasoning)
-            for one in answers(path)
-            if one.reply
+            (answer.call, answer.repeat, answer.reply.text, answer.reply.error, answer.reply.reasoning)
+            for answer in answers(path)
+            if answer.reply
         }
         for path in (JSON, FOLDER / "battery.eval")
     ]
@@ -95,7 +100,7 @@ def test_a_log_packed_as_older_versions_do_is_read_within_bounds(
         archive.writestr("header.json", json.dumps({"eval": log["eval"]}))
         for sample in log["samples"]:
             archive.writestr(f"samples/{sample['id']}_epoch_{sample['epoch']}.json", json.dumps(sample))
-    assert [one.reply for one in answers(packed)] == [one.reply for one in answers(JSON)]
+    assert [answer.reply for answer in answers(packed)] == [answer.reply for answer in answers(JSON)]
     monkeypatch.setattr("eyechart.importing.inspect_log.MOST_SAMPLE", 5000)
     with pytest.raises(SourceError, match="has more than 5000 bytes"):
         answers(packed)
@@ -107,7 +112,7 @@ def test_a_number_that_nobody_can_have_measured_is_not_reported(tmp_path: Path) 
     sample = next(one for one in log["samples"] if one["output"]["choices"])
     sample["output"] |= {"time": 1e400, "usage": {"input_tokens": -3, "output_tokens": "x", "total_cost": 1e300}}
     other.write_text(json.dumps(log | {"samples": [sample]}))
-    (reply,) = (one.reply for one in answers(other))
+    (reply,) = (answer.reply for answer in answers(other))
     assert reply is not None
     assert (reply.seconds, reply.prompt_tokens, reply.completion_tokens, reply.cost_usd) == (None, None, None, None)
 

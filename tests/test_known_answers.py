@@ -105,26 +105,26 @@ def test_a_contact_sheet_shows_the_bank(demo: Demo, tmp_path: Path) -> None:
 
 
 def _json(*arguments: str) -> dict[str, dict[str, dict]]:
-    told = CliRunner().invoke(app, arguments)
-    assert told.exit_code == 0
-    return json.loads(told.stdout, parse_constant=lambda word: pytest.fail(f"{word} in the JSON"))
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    return json.loads(result.stdout, parse_constant=lambda word: pytest.fail(f"{word} in the JSON"))
 
 
 def test_blind_models_cost_what_they_did_and_a_reader_seven_conditions_more(
     scored: BatteryScore, verdicts: dict[str, Verdict]
 ) -> None:
     """On real pictures: eleven conditions of everybody, and the lead's absence, which a true picture goes with now."""
-    found = {spec: one.calibrated.label for spec, one in verdicts.items()}
+    found = {spec: verdict.calibrated.label for spec, verdict in verdicts.items()}
     frames = len(scored.bank)
     before = len(scored.manifest.conditions) * frames
     without_lead = int(0.55 * frames)
     assert len(scored.manifest.conditions) == 11
-    blind = [one.planned for spec, one in scored.models.items() if LABELS[found[spec]].family == "blind"]
-    unseeing = [*blind, *(one.planned for spec, one in scored.models.items() if found[spec] == "presence_only")]
+    blind = [model.planned for spec, model in scored.models.items() if LABELS[found[spec]].family == "blind"]
+    unseeing = [*blind, *(model.planned for spec, model in scored.models.items() if found[spec] == "presence_only")]
     assert len(unseeing) >= 5
     assert before < max(blind)
     assert max(unseeing) <= 1.05 * (before + without_lead)
-    readers = [one.planned for spec, one in scored.models.items() if found[spec] in {"depth", "depth_lateral"}]
+    readers = [model.planned for spec, model in scored.models.items() if found[spec] in {"depth", "depth_lateral"}]
     assert len(readers) >= 5
     assert all(before < calls <= before + 7 * frames for calls in readers)
-    assert all(one.controls.ended for one in scored.models.values())
+    assert all(model.controls.ended for model in scored.models.values())

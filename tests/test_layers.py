@@ -161,9 +161,9 @@ def name_of(path: Path, root: Path = ROOT) -> str:
 @cache
 def named(tree: ast.Module) -> tuple[tuple[ast.Import | ast.ImportFrom, ...], bool]:
     """Return the imports of a module, at its top or inside a function, and whether it imports by name."""
-    found = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
     words = {getattr(node, "id", getattr(node, "attr", getattr(node, "name", None))) for node in ast.walk(tree)}
-    return tuple(found), bool(words & BY_NAME)
+    return tuple(nodes), bool(words & BY_NAME)
 
 
 def imports(tree: ast.Module, known: set[str]) -> Iterator[str]:
@@ -354,10 +354,10 @@ def test_a_forbidden_import_is_found(file: str, line: str, message: str) -> None
 def lacking(program: ast.Module, trees: Mapping[str, ast.Module]) -> list[str]:
     """Return the names that a program imports from ``eyechart`` and that are not there."""
     wanted = [
-        (node.module, one.name)
+        (node.module, name.name)
         for node in ast.walk(program)
         if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in PACKAGES
-        for one in node.names
+        for name in node.names
     ]
     return [
         f"{module}:{name}"
@@ -368,13 +368,15 @@ def lacking(program: ast.Module, trees: Mapping[str, ast.Module]) -> list[str]:
 
 def held(tree: ast.Module) -> set[str]:
     """Return the names that a module binds."""
-    found = {node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)}
+    result = {
+        node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
+    }
     for node in ast.walk(tree):
         if isinstance(node, ast.Import | ast.ImportFrom):
-            found |= {one.asname or one.name for one in node.names}
+            result |= {name.asname or name.name for name in node.names}
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            found.add(node.id)
-    return found
+            result.add(node.id)
+    return result
 
 
 def test_programs_beside_the_package_import_what_there_is() -> None:

@@ -206,7 +206,11 @@ def test_unknown_outcomes_are_those_of_unfinished_calls(path: Path) -> None:
     with Ledger(path, create=True) as ledger:
         assert ledger.unknown() == {KEY}
         sent = list(ledger.attempts(MODEL))
-    assert [(one.key, one.number, one.reply) for one in sent] == [(KEY, 1, None), (OTHER, 1, None), (OTHER, 2, FULL)]
+    assert [(attempt.key, attempt.number, attempt.reply) for attempt in sent] == [
+        (KEY, 1, None),
+        (OTHER, 1, None),
+        (OTHER, 2, FULL),
+    ]
 
 
 def test_a_reply_ends_an_attempt_once(path: Path) -> None:
@@ -238,7 +242,10 @@ def test_an_older_ledger_is_read_and_not_written(tmp_path: Path, version: int) -
     known = Reply(*astuple(EVERY)[: COLUMNS[version]])
     with Ledger(path) as ledger:
         assert [reply for _, reply in ledger.replies(MODEL)] == [known, Reply("GO")]
-        assert [(one.reason, one.reply) for one in ledger.attempts(MODEL)] == [(None, known), (None, Reply("GO"))]
+        assert [(attempt.reason, attempt.reply) for attempt in ledger.attempts(MODEL)] == [
+            (None, known),
+            (None, Reply("GO")),
+        ]
         assert len(ledger.finished()) == 2
         assert ledger.damaged() == []
     assert files(tmp_path) == before
@@ -395,7 +402,7 @@ def test_absorbing_keeps_every_attempt_and_reply(path: Path, tmp_path: Path) -> 
         assert ledger.finished() == {KEY, OTHER, third}
         assert ledger.unknown() == set()
         assert dict(ledger.replies(MODEL)) == dict.fromkeys((KEY, OTHER, third), FULL)
-        came = [one.reply for one in ledger.attempts(MODEL)]
+        came = [attempt.reply for attempt in ledger.attempts(MODEL)]
     assert [came.count(FULL), came.count(Reply(error="timeout")), came.count(None)] == [3, 2, 1]
     numbers = sorted((call, number) for _, call, number, *_ in rows(path, "attempts"))
     assert numbers == [(1, 1), (2, 1), (2, 2), (2, 3), (3, 1), (3, 2)]

@@ -26,7 +26,7 @@ FULL = Reply("GO", "stop", None, "", 10, 9, 0.5, "so", 8, 0.25, 200, 1.5, "m-202
 def rows_of(path: Path) -> tuple[object, ...]:
     """Return all that a ledger says of what came, in the order of its rows, and of how many calls nothing did."""
     with Ledger(path) as ledger:
-        came = [one for one in ledger.attempts(MODEL) if one.reply is not None]
+        came = [attempt for attempt in ledger.attempts(MODEL) if attempt.reply is not None]
         return ledger.finished(), list(ledger.replies(MODEL)), came, len(ledger.unknown())
 
 
@@ -74,7 +74,7 @@ def test_a_value_of_a_reply_that_was_changed_is_named_with_its_call(path: Path, 
 @pytest.mark.parametrize(
     "script",
     [
-        *(f"calls SET {one} = {one} || 'x' WHERE frame = 'f3'" for one in CallKey._fields),
+        *(f"calls SET {field} = {field} || 'x' WHERE frame = 'f3'" for field in CallKey._fields),
         *(f"attempts SET {one} = 'x' WHERE id = 5" for one in ("reason", "request_sha256", "sent_at")),
         "attempts SET call = 1, number = 2 WHERE id = 5",
     ],
@@ -112,11 +112,11 @@ def test_no_flipped_bit_changes_what_is_read(path: Path, tmp_path: Path) -> None
         flipped[at] ^= 1 << bits.randrange(8)
         copy.write_bytes(flipped)
         try:
-            found = rows_of(copy)
+            rows = rows_of(copy)
         except LedgerError:
             refused += 1
             continue
-        assert found == truth, (at, whole[at])
+        assert rows == truth, (at, whole[at])
     assert refused > 150
 
 
@@ -231,10 +231,10 @@ def test_a_ledger_that_was_found_sound_is_looked_into_again_when_it_changed(
     path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its bytes are what is remembered, not its name or its times."""
-    asked: list[Path] = []
+    paths: list[Path] = []
 
     def counted(look: Callable[[sqlite3.Connection, Path], None]) -> Callable[[sqlite3.Connection, Path], None]:
-        return lambda sql, path: asked.append(path) or look(sql, path)
+        return lambda sql, path: paths.append(path) or look(sql, path)
 
     from eyechart.ledger import ledger as module  # noqa: PLC0415 - to patch
 
@@ -244,11 +244,11 @@ def test_a_ledger_that_was_found_sound_is_looked_into_again_when_it_changed(
     for _ in range(3):
         Ledger(path).__exit__(None, None, None)
         Ledger(copy).__exit__(None, None, None)
-    assert asked == [path]
+    assert paths == [path]
     with Ledger(path, create=True) as ledger:
         ledger.close(ledger.begin(KEYS[0], "digest"), FULL)
     Ledger(path).__exit__(None, None, None)
-    assert asked == [path, path]
+    assert paths == [path, path]
 
 
 def _unchecked(path: Path, change: str) -> None:

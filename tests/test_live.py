@@ -18,7 +18,7 @@ import banks
 import stand_ins
 from eyechart.costs import Account
 from eyechart.models.prices import read_prices
-from eyechart.serve.live import NOTHING_FOLLOWS, LiveAnswer, LiveModel, LiveRun, watched
+from eyechart.serve.live import NOTHING_FOLLOWS, LiveAnswer, LiveModel, LiveRun, live_server
 from report_runs import HOSTILE, hostile, make_run
 
 SLOW = """
@@ -75,7 +75,7 @@ def test_what_is_shown_is_as_it_was_said_and_nothing_is_written(tmp_path: Path) 
     before = {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()}
     live, told = LiveRun(run, read_prices()), list[str]()
     live.move(3, 10)
-    with watched(live, told.append):
+    with live_server(live, told.append):
         html = _get(told[0])
         with pytest.raises(urllib.error.HTTPError, match="404"):
             _get(told[0] + "run.json")
@@ -218,7 +218,7 @@ def test_idle_connections_and_large_heads_are_closed_and_print_nothing(
     monkeypatch.setattr("eyechart.serve.live._IDLE_S", 0.2)
     monkeypatch.setattr("eyechart.serve.live._REAP_S", 0.1)
     told = list[str]()
-    with watched(LiveRun(tmp_path, read_prices()), told.append), ExitStack() as opened:
+    with live_server(LiveRun(tmp_path, read_prices()), told.append), ExitStack() as opened:
         address = ("127.0.0.1", urlsplit(told[0]).port)
         idle = [opened.enter_context(socket.create_connection(address, timeout=5)) for _ in range(4)]
         time.sleep(0.05)
@@ -235,8 +235,8 @@ def test_whoever_does_not_know_the_address_sees_nothing(tmp_path: Path) -> None:
     """The port alone is no address: another user of the machine can guess that, and not the token."""
     told, again = list[str](), list[str]()
     with (
-        watched(LiveRun(tmp_path, read_prices()), told.append),
-        watched(LiveRun(tmp_path, read_prices()), again.append),
+        live_server(LiveRun(tmp_path, read_prices()), told.append),
+        live_server(LiveRun(tmp_path, read_prices()), again.append),
     ):
         root, token = re.fullmatch(r"(http://127\.0\.0\.1:\d+/)([\w-]{20,})/", told[0]).groups()  # type: ignore[union-attr]
         for path in ("", "over", f"{token[:-1]}/", f"{again[0].split('/')[-2]}/", f"{token}x/over"):
@@ -258,7 +258,7 @@ def test_a_page_that_cannot_be_served_ends_no_run(
 
     monkeypatch.setattr(broken, fails)
     why, over = list[str](), False
-    with watched(LiveRun(tmp_path, read_prices()), lambda _: None, why.append):
+    with live_server(LiveRun(tmp_path, read_prices()), lambda _: None, why.append):
         over = True
     assert over
     assert "too many open files" in why[0]
@@ -268,5 +268,5 @@ def test_a_page_that_cannot_be_served_ends_no_run(
 def test_a_page_of_a_run_imports_no_server_of_a_guardian() -> None:
     """What serves a guardian takes a tenth of a second to import, more than all looks at a page take."""
     program = "import sys, eyechart.serve.live; print('eyechart.guardian' in sys.modules, 'jinja2' in sys.modules)"
-    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert told.stdout.split() == ["False", "False"]
+    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert process.stdout.split() == ["False", "False"]

@@ -85,5 +85,5 @@ def test_what_cannot_be_removed_for_want_of_descriptors_is_taken_by_the_next(tmp
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     with own_folder(tmp_path / "out", BankError) as work:
-        assert [one.name for one in work.iterdir()] == [".lock"]
+        assert [path.name for path in work.iterdir()] == [".lock"]
     assert list(tmp_path.iterdir()) == []

@@ -296,8 +296,8 @@ def test_a_budget_is_kept_and_what_is_out_of_reach_is_said_before_a_call(demo: D
     """Fewer frames, and fewer calls than were allowed; too few for any answer are refused."""
     done = look("scripted:constant", "--frames", demo.bank, "--budget", 300)
     lines = done.stderr.splitlines()
-    assert lines.index(next(one for one in lines if "out of reach: Yes" in one)) < next(
-        place for place, one in enumerate(lines) if one.startswith("calls:")
+    assert lines.index(next(line for line in lines if "out of reach: Yes" in line)) < next(
+        place for place, line in enumerate(lines) if line.startswith("calls:")
     )
     assert done.exit_code == 2
     assert done.stdout.startswith("Inconclusive.")

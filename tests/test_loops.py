@@ -7,7 +7,7 @@ import pytest
 
 from eyechart.attempts import to_the_end
 from eyechart.errors import SpecError
-from eyechart.event_loops import in_own_loop, running
+from eyechart.event_loops import has_running_loop, in_own_loop
 from eyechart.limits import RunOutcome
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
@@ -40,13 +40,13 @@ def test_what_needs_a_loop_of_its_own_says_so() -> None:
     """In words that name what works, and no traceback of asyncio; outside it runs."""
 
     async def cell() -> int:
-        assert running()
+        assert has_running_loop()
         return to_the_end(seven())
 
     with pytest.raises(SpecError, match=r"as in a notebook.*asyncio.to_thread.*run_battery.*studies.policy.run"):
         asyncio.run(cell())
     assert to_the_end(seven()) == 7
-    assert not running()
+    assert not has_running_loop()
 
 
 def test_a_call_with_a_loop_of_its_own_works_inside_of_another() -> None:

@@ -181,10 +181,10 @@ def test_no_state_leaves_a_failure_unsaid(monkeypatch: pytest.MonkeyPatch, state
 
 def speeds(mpc: Mpc, state: State, target: Target) -> list[float]:
     """Return the speeds to which a plan's first command and its repeats lead, 40 steps long."""
-    found = [state.speed_mps]
+    result = [state.speed_mps]
     for _ in range(40):
-        found.append(found[-1] + STEP_S * mpc.plan(replace(state, speed_mps=found[-1]), target).accel_mps2)
-    return found
+        result.append(result[-1] + STEP_S * mpc.plan(replace(state, speed_mps=result[-1]), target).accel_mps2)
+    return result
 
 
 def test_the_vehicles_speed_is_a_bound_whatever_the_intent_asks_for() -> None:

@@ -97,10 +97,10 @@ def test_a_newcomer_answers_with_actions_and_bears_a_name_of_its_own() -> None:
 def test_a_colour_belongs_to_the_frame_and_chance_to_the_picture() -> None:
     """The colours are about as many each; chance of a picture is the same each time, and other than of the next."""
     roads = readings()
-    counts = [sum(paint(one) == colour for one in roads) for colour in ("blue", "orange", "magenta")]
+    counts = [sum(paint(road) == colour for road in roads) for colour in ("blue", "orange", "magenta")]
     assert min(counts) > len(roads) / 5
-    drawn = [of_picture(one, "x").random() for one in roads]
-    assert drawn == [of_picture(one, "x").random() for one in roads]
+    drawn = [of_picture(road, "x").random() for road in roads]
+    assert drawn == [of_picture(road, "x").random() for road in roads]
     assert len(set(drawn)) == len(roads)
 
 

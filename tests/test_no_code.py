@@ -32,7 +32,7 @@ def programs(text: str) -> Iterator[str]:
     """Yield what of a module's source would run what it reads."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            yield from (one.name for one in node.names if one.name.partition(".")[0] in MODULES)
+            yield from (name.name for name in node.names if name.name.partition(".")[0] in MODULES)
         elif isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] in MODULES:
             yield str(node.module)
         elif isinstance(node, ast.Call):

@@ -30,13 +30,13 @@ EXPECTED = read_expected(OLD / "differences.toml")
 
 def marks(folder: Path) -> dict[str, tuple[int, int, int]]:
     """Return of every file of a folder which it is, its size, and when it was last written to, in nanoseconds."""
-    found = {}
+    result = {}
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if name != "__pycache__"]
         for name in names:
             said = os.stat(os.path.join(place, name))  # noqa: PTH116, PTH118 - of every file, after every command
-            found[f"{place}/{name}"] = (said.st_ino, said.st_size, said.st_mtime_ns)
-    return found
+            result[f"{place}/{name}"] = (said.st_ino, said.st_size, said.st_mtime_ns)
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def test_every_listed_difference_is_one(entry: Expected, found) -> None:  # noqa
 def test_what_was_promised_to_callers_is_still_there(path: Path) -> None:
     """Commands, options with their defaults, and what api and testing take; what came since is no breach."""
     then, now = kept(path), load_make().surface()
-    broken = [one for one in differences(then, now) if breaks(one)]
+    broken = [difference for difference in differences(then, now) if breaks(difference)]
     assert not unexpected("surface", broken, EXPECTED)
 
 

@@ -16,7 +16,7 @@ from eyechart.costs import Account
 from eyechart.errors import SpecError
 from eyechart.paper import LABELS, WRITTEN, artefacts, write
 from eyechart.report.accounts import deployment_table
-from eyechart.report.table import Column, Table, stacked
+from eyechart.report.table import Column, Table, stack_tables
 from eyechart.studies import battery, structured
 from eyechart.studies.structured import online
 from eyechart.studies.structured.tables import POSITIVE, crashes_table, paper_tables
@@ -37,7 +37,7 @@ def test_a_run_of_each_kind_writes_every_label_that_runs_determine(out: Path) ->
     """Each in all its forms; a table bears the paper's label."""
     for label in LABELS:
         stem = label.replace(":", "-")
-        assert {one.suffix for one in out.glob(f"{stem}.*")} == (
+        assert {path.suffix for path in out.glob(f"{stem}.*")} == (
             {".svg", ".pdf"} if label.startswith("fgr") else {".csv", ".md", ".tex"}
         )
         if label.startswith("t:"):
@@ -58,7 +58,7 @@ def test_what_is_missing_is_named_with_the_run_that_it_needs(tmp_path: Path) -> 
     done = CliRunner().invoke(app, ["paper", str(MADE / "prompts"), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0
     assert "missing  t:frontier: needs a run of eyechart run battery\n" in done.stdout
-    assert {one.stem for one in (tmp_path / "out").glob("[!.]*")} == {"t-prompts", "costs", "corpus"}
+    assert {path.stem for path in (tmp_path / "out").glob("[!.]*")} == {"t-prompts", "costs", "corpus"}
 
 
 def test_what_an_earlier_call_left_is_removed_and_nothing_else(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_what_an_earlier_call_left_is_removed_and_nothing_else(tmp_path: Path) -
     found = json.loads(CliRunner().invoke(app, ["paper", str(MADE / "hierarchy"), *words]).stdout)
     assert {"t-prompts.tex", "t-prompts.csv"} <= set(found["removed"])
     assert found["kept"] == ["t-prompts.md"]
-    left = {one.name for one in (tmp_path / "out").iterdir()}
+    left = {path.name for path in (tmp_path / "out").iterdir()}
     assert left == {*found["files"], "t-mine.tex", "t-prompts.md", WRITTEN}
     assert outside.read_text() == "outside"
     record.write_text("[]")
@@ -173,7 +173,7 @@ def test_a_column_says_n_where_rows_differ() -> None:
 def test_sixteen_pairs_of_admission_are_not_the_papers_table() -> None:
     """Which is of 288 pairs: they stand in a table of their own, and the label is missing."""
     scored = structured.score(MADE / "structured")
-    assert [one.label for one in paper_tables({"run": scored})] == ["t:controller-local"]
+    assert [paper_table.label for paper_table in paper_tables({"run": scored})] == ["t:controller-local"]
     (table,) = paper_tables({"run": replace(scored, manifest=replace(scored.manifest, study="admission"))})
     assert (table.label, table.name) == ("", "admission")
 
@@ -196,15 +196,15 @@ def test_notes_of_stacked_tables_are_joined_in_any_order() -> None:
         "b": Table("", "", (Column("who"),), (("y",),), "— unknown. Price unknown: none has it"),
     }
     for order in (("a", "b"), ("b", "a")):
-        assert stacked({name: tables[name] for name in order}).note == "— unknown. Price unknown: none has it"
+        assert stack_tables({name: tables[name] for name in order}).note == "— unknown. Price unknown: none has it"
 
 
 def test_entropy_against_information_is_drawn_of_models_only() -> None:
     """As Table t:degeneracy has them: a ladder of policies writes neither."""
     found = artefacts([MADE / "ladder"])
-    assert "fgr-mi" not in {one.name for one in found.drawings}
+    assert "fgr-mi" not in {drawing.name for drawing in found.drawings}
     assert {"fgr:mi", "t:degeneracy"} <= found.missing.keys()
-    (drawn,) = (one for one in artefacts([MADE / "drives"]).drawings if one.name == "fgr-mi")
+    (drawn,) = (drawing for drawing in artefacts([MADE / "drives"]).drawings if drawing.name == "fgr-mi")
     assert "constant:" not in drawn.description
     assert "oracle" not in drawn.description
 
@@ -249,7 +249,7 @@ def test_a_folder_of_runs_is_taken_for_the_runs_in_it(tmp_path: Path) -> None:
     words = ["paper", str(tmp_path / "runs"), "--frames", str(MADE / "highway"), "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
-    assert {"t-prompts.tex", "t-controller-local.tex"} <= {one.name for one in (tmp_path / "out").iterdir()}
+    assert {"t-prompts.tex", "t-controller-local.tex"} <= {path.name for path in (tmp_path / "out").iterdir()}
     says = "missing  t:positive-guardian: needs the run of eyechart run structured with --guardian, a file of eyechart"
     assert says in done.stdout
 
@@ -271,12 +271,12 @@ def test_the_corpus_is_counted_by_study_with_its_sum(out: Path) -> None:
 
 def test_results_without_a_label_stand_beside_the_others(out: Path, tmp_path: Path) -> None:
     """Tests and nested choice of a guardian, modular replay, a run asked again, and transfer of external scores."""
-    assert {"guardian-tests.tex", "nested.tex", "modular.tex"} <= {one.name for one in out.iterdir()}
+    assert {"guardian-tests.tex", "nested.tex", "modular.tex"} <= {path.name for path in out.iterdir()}
     again = tmp_path / "again"
     shutil.copytree(MADE / "battery", again)
     models = list(json.loads((again / "run.json").read_text(encoding="utf-8"))["models"])
     scores = tmp_path / "scores.csv"
-    scores.write_text("model,score\n" + "".join(f"{one},{place}\n" for place, one in enumerate(models)))
+    scores.write_text("model,score\n" + "".join(f"{model},{place}\n" for place, model in enumerate(models)))
     runs = [str(MADE / "battery"), str(again), "--frames", str(MADE / "highway")]
     done = CliRunner().invoke(app, ["paper", *runs, "--scores", str(scores), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
@@ -293,7 +293,7 @@ def test_admission_says_who_is_admitted_and_which_clauses_fail() -> None:
     (table,) = paper_tables({"run": replace(scored, manifest=replace(scored.manifest, study="admission"))})
     rows = {row[0]: row[-2:] if table.columns[-1].name == "clauses" else row[-3:-1] for row in table.rows}
     assert {"admitted", "clauses"} <= set(table.names)
-    for spec, one in scored.models.items():
-        assert rows[spec][0] == ("yes" if one.admitted else "no")
-        fails = [each.name for each in one.clauses if each.passes is False]
+    for spec, model in scored.models.items():
+        assert rows[spec][0] == ("yes" if model.is_admitted else "no")
+        fails = [each.name for each in model.clauses if each.passes is False]
         assert all(f"{name} fails" in str(rows[spec][1]) for name in fails)

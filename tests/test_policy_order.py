@@ -53,18 +53,18 @@ def weaker(one: Statistic, left: float) -> Statistic:
         return number * left if number is not None and number > 0 else number
 
     ci = None if one.ci is None else (less(one.ci[0]), less(one.ci[1]))
-    found = replace(one, value=less(one.value), ci=ci)
-    if not isinstance(found, Share):
-        return found
-    carried = {name: size * left for name, size in (found.carried or {}).items() if size * left >= 0.1}
-    found = replace(found, scatter=less(found.scatter), carried=carried or None)
-    if isinstance(found, FollowedShare) and found.parts:
+    result = replace(one, value=less(one.value), ci=ci)
+    if not isinstance(result, Share):
+        return result
+    carried = {name: size * left for name, size in (result.carried or {}).items() if size * left >= 0.1}
+    result = replace(result, scatter=less(result.scatter), carried=carried or None)
+    if isinstance(result, FollowedShare) and result.parts:
         parts = {
             name: {**part, "value": part["value"] * left, "at_most": part["at_most"] * left}
-            for name, part in found.parts.items()
+            for name, part in result.parts.items()
         }
-        found = replace(found, parts=parts)
-    return replace(found, same=1.0, p=None if found.p is None else 1.0) if left == 0 else found
+        result = replace(result, parts=parts)
+    return replace(result, same=1.0, p=None if result.p is None else 1.0) if left == 0 else result
 
 
 def on_the_way_down(
@@ -100,8 +100,8 @@ def test_a_weaker_effect_gives_no_stronger_label(axis: str) -> None:
     for seed in range(60):
         rng, asked = Random(f"{axis} {seed}"), asked_of(Random(f"asked {seed}"))  # noqa: S311 - no secret
         statistics = evidence(rng, {"camera:wrist": "single"}.get(axis, axis), made)
-        known = {name for name, one in statistics.items() if one.value is not None}
-        there = [found for some in EFFECTS[axis] if (found := [name for name in some if name in known])]
+        known = {name for name, statistic in statistics.items() if statistic.value is not None}
+        there = [names for some in EFFECTS[axis] if (names := [name for name in some if name in known])]
         every = dict.fromkeys(name for some in there for name in some)
         for effects in (rng.choice(there), rng.choice(there), [*every]) if there else ():
             labels = list(on_the_way_down(statistics, effects, axis, asked))
@@ -111,10 +111,10 @@ def test_a_weaker_effect_gives_no_stronger_label(axis: str) -> None:
 def test_the_labels_of_an_axis_have_an_order() -> None:
     """The strongest first, one that says nothing used last of those that say something."""
     for labels in AXES.values():
-        found = [one.rank for one in labels.values() if one.rank is not None]
+        found = [label.rank for label in labels.values() if label.rank is not None]
         assert found == sorted(found, reverse=True)
         assert found[-1] == 0
-        assert [one.is_open for one in labels.values()] == [name in {"undecided", "no_power"} for name in labels]
+        assert [label.is_open for label in labels.values()] == [name in {"undecided", "no_power"} for name in labels]
     assert len({one.rank for one in CAMERA.values()}) == len(CAMERA)
 
 

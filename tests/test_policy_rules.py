@@ -38,7 +38,7 @@ CHANGED: dict[str, dict[str, dict[str, int]]] = json.loads(
 VERDICTS = Path(__file__).parents[1] / "src" / "eyechart" / "verdicts"
 AXES = (
     camera_axis("cameras", "its cameras", (SINGLES, ())),
-    *(camera_axis(one, f"the {one.partition(':')[2]} camera") for one in SINGLES),
+    *(camera_axis(single, f"the {single.partition(':')[2]} camera") for single in SINGLES),
     *(STATE, INSTRUCTION, UNGUARDED, GUARDING, reaching("cameras", "picture"), reaching("state", "state")),
 )
 CLAUSES = tuple(dict.fromkeys(clause for axis in AXES for clause in axis.clauses))
@@ -147,7 +147,7 @@ def test_a_statistic_of_another_kind_is_read_as_the_one_that_a_rule_reads() -> N
     assert as_read("follow.named", followed) is as_read("T.blank", followed) is followed
 
 
-@pytest.mark.parametrize("module", sorted(one.stem for one in VERDICTS.glob("*.py")))
+@pytest.mark.parametrize("module", sorted(path.stem for path in VERDICTS.glob("*.py")))
 def test_no_rule_reads_prose_or_cuts_a_sentence(module: str) -> None:
     """Neither method nor detail; a note and a reason are printed whole, and no part of them is looked for."""
     text = (VERDICTS / f"{module}.py").read_text("utf-8")

@@ -76,7 +76,7 @@ def left_after_a_kill(*words: object, lines: int = 0, workers: int = 0) -> list[
         end = time.monotonic() + SOON_S
         while any(map(is_there, children)) and time.monotonic() < end:
             time.sleep(0.05)
-        left = [one for one in children if is_there(one)]
+        left = [child for child in children if is_there(child)]
         for one in left:
             os.kill(one, signal.SIGKILL)
     return left
@@ -84,12 +84,12 @@ def left_after_a_kill(*words: object, lines: int = 0, workers: int = 0) -> list[
 
 def _group(leader: int) -> list[int]:
     """Return the other processes of a group."""
-    found = []
-    for one in Path("/proc").glob("[0-9]*"):
+    result = []
+    for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            if os.getpgid(int(one.name)) == leader != int(one.name):
-                found.append(int(one.name))
-    return found
+            if os.getpgid(int(path.name)) == leader != int(path.name):
+                result.append(int(path.name))
+    return result
 
 
 @pytest.mark.parametrize("without_prctl", ["False", "True"])

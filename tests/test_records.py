@@ -85,6 +85,6 @@ def test_what_records_say_is_written_of_them_is_there() -> None:
     found = {kind.__name__: kind for kind in kinds(KeyedRecord)}
     assert {"BatteryScore", "Degeneracy", "StructuredScore"} <= found.keys()
     for kind in found.values():
-        members = {*dir(kind), *(one.name for one in fields(kind))}
+        members = {*dir(kind), *(field.name for field in fields(kind))}
         for word in kind.written.split():
             assert word.rpartition("=")[2].removeprefix("*").partition(".")[0] in members, (kind, word)

@@ -13,7 +13,7 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.stats.association import Association
 from eyechart.stats.evalues import EValue
 from eyechart.stats.paired_tests import SignTest
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.early_stop import QuestionOrder, StoppingState, layout_of
 from eyechart.verdicts import calibrated_rules, lateral_rules, paper_rules
 from eyechart.verdicts.battery_rules import DISTANCE, LATERAL_AXIS
@@ -38,7 +38,7 @@ def of_distance(rng: Random) -> str:
 def of_turns(rng: Random) -> str:
     """Return what the lateral rules say of the next evidence."""
     found, seen = lateral(rng)
-    ruling = lateral_rules(found | {"turns_boxed": cannot_say("no moment without a clear side")}, seen)
+    ruling = lateral_rules(found | {"turns_boxed": not_available("no moment without a clear side")}, seen)
     earned = ruling.label == "turns_clear" or (
         ruling.label == "swaps" and not isinstance(found["turns_clear"], SignTest)
     )

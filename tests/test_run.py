@@ -118,15 +118,15 @@ def test_a_reply_that_no_ledger_can_hold_is_a_failure_of_its_own_call(
 @pytest.mark.parametrize("status", [400, 403, 404, 413, 422])
 def test_one_refused_call_sets_no_model_aside_but_two_in_a_row_do(plan: Plan, ledger: Ledger, status: int) -> None:
     """A 403 or a 404 may be about one call alone, and so may a 400 that speaks of a key."""
-    asked: list[Query] = []
+    queries: list[Query] = []
 
     def respond(query: Query) -> Reply:
-        asked.append(query)
-        return Reply(error="auth", status=status) if len(asked) in {3, 7, 8} else Reply("STOP", "stop")
+        queries.append(query)
+        return Reply(error="auth", status=status) if len(queries) in {3, 7, 8} else Reply("STOP", "stop")
 
     outcome = execute(plan, {"m": StandIn(respond)}, ledger, concurrency=1)
     assert list(outcome.set_aside) == ["m"]
-    assert len(asked) == 8
+    assert len(queries) == 8
 
 
 def test_a_finished_run_makes_no_further_calls(plan: Plan, ledger: Ledger) -> None:
@@ -165,8 +165,8 @@ def test_resuming_repeats_exactly_the_unfinished_and_the_unknown(plan: Plan, led
     assert ledger.finished() == set(keys)
     assert ledger.unknown() == set()
     sent = list(ledger.attempts("m"))
-    assert (len(sent), sum(one.reply is None for one in sent)) == (48 + 5, 3)
-    assert sorted(one.reason for one in sent if one.number > 1) == ["timeout"] * 2 + ["unknown"] * 3
+    assert (len(sent), sum(attempt.reply is None for attempt in sent)) == (48 + 5, 3)
+    assert sorted(attempt.reason for attempt in sent if attempt.number > 1) == ["timeout"] * 2 + ["unknown"] * 3
     assert {reply.text for key, reply in ledger.replies("m") if key in done} == {"SLOW"}
 
 
@@ -362,7 +362,7 @@ def test_a_ledger_that_cannot_be_written_ends_the_run_with_its_error(
 
 def frames_of(episodes: list[int]) -> list[Frame]:
     """Return one frame for each number, of the episode of this number."""
-    return [banks.one(f"f{at}", ("s", f"e{one}", at), "none", f"{at}.png") for at, one in enumerate(episodes)]
+    return [banks.one(f"f{at}", ("s", f"e{episode}", at), "none", f"{at}.png") for at, episode in enumerate(episodes)]
 
 
 @given(st.lists(st.integers(0, 4), min_size=1, max_size=30), st.integers(1, 40))

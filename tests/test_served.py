@@ -58,8 +58,8 @@ def guard_of(*replies: Reply) -> ServedGuard | None:
 
 def ask(*words: object) -> tuple[int, str]:
     """Run a command; return its exit code and what it printed."""
-    found = CliRunner().invoke(app, [str(word) for word in words])
-    return found.exit_code, found.output
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    return result.exit_code, result.output
 
 
 @pytest.mark.parametrize(
@@ -108,20 +108,20 @@ def test_what_is_not_reported_is_no_second_model() -> None:
     """Nor is a failure; where nothing is ever named, there is no guard. A fingerprint may come now and then."""
     one = served(served="a", system_fingerprint="fp")
     assert guard_of(Reply("SLOW"), Reply(error="timeout", served="b")) is None
-    found = guard_of(one, one, served(served="a"), Reply(error="bad_request", served="b"))
-    assert found is not None
-    assert found.holds
-    assert sum(each.replies for each in found.answered) == 3
+    guard = guard_of(one, one, served(served="a"), Reply(error="bad_request", served="b"))
+    assert guard is not None
+    assert guard.holds
+    assert sum(each.replies for each in guard.answered) == 3
 
 
 @pytest.mark.parametrize("unnamed", [1, 5])
 def test_a_server_that_names_itself_in_some_replies_only_is_marked(unnamed: int) -> None:
     """Another model may have answered where no name stands."""
     one = served(served="a")
-    found = guard_of(*[one] * 5, *[Reply("SLOW")] * unnamed)
-    assert found is not None
-    assert found.holds is False
-    assert f"{unnamed} of {5 + unnamed} replies do not name their model, and the others do" in found.because
+    guard = guard_of(*[one] * 5, *[Reply("SLOW")] * unnamed)
+    assert guard is not None
+    assert guard.holds is False
+    assert f"{unnamed} of {5 + unnamed} replies do not name their model, and the others do" in guard.because
 
 
 def test_a_model_may_have_a_name_of_several_words() -> None:
@@ -138,28 +138,28 @@ def test_a_model_may_have_a_name_of_several_words() -> None:
 
 def test_a_fingerprint_of_its_own_for_every_reply_is_no_other_model() -> None:
     """However many there are, of two providers too."""
-    found = guard_of(*(served(served="m", provider="pq"[at % 2], system_fingerprint=f"fp_{at}") for at in range(1500)))
-    assert found is not None
-    assert found.differs == ("provider", "system_fingerprint")
-    assert sum(each.replies for each in found.answered) == 1500
+    guard = guard_of(*(served(served="m", provider="pq"[at % 2], system_fingerprint=f"fp_{at}") for at in range(1500)))
+    assert guard is not None
+    assert guard.differs == ("provider", "system_fingerprint")
+    assert sum(each.replies for each in guard.answered) == 1500
 
 
 def test_an_older_reply_holds_its_fingerprint_behind_its_model() -> None:
     """So that another fingerprint of one model is no other model."""
-    found = guard_of(
+    guard = guard_of(
         served(served="a fp_1"), served(served="a fp_2"), served(served="a fp_2", system_fingerprint="fp_2")
     )
-    assert found is not None
-    assert (found.by_fingerprint, [each.replies for each in found.answered]) == (True, [1, 2])
-    assert "2 configurations (system_fingerprint) answered: a fp_1 (1 replies, T00:00 to T00:00)" in found.because
+    assert guard is not None
+    assert (guard.by_fingerprint, [each.replies for each in guard.answered]) == (True, [1, 2])
+    assert "2 configurations (system_fingerprint) answered: a fp_1 (1 replies, T00:00 to T00:00)" in guard.because
 
 
 def test_names_without_end_are_bounded() -> None:
     """A server that gives every reply another name makes no long line and no long list."""
-    found = guard_of(*(served(served=f"m{at}" + "x" * 190) for at in range(1200)))
-    assert found is not None
-    assert len(found.answered) == 1001
-    assert len(found.because) < 600
+    guard = guard_of(*(served(served=f"m{at}" + "x" * 190) for at in range(1200)))
+    assert guard is not None
+    assert len(guard.answered) == 1001
+    assert len(guard.because) < 600
 
 
 def drive(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
@@ -173,16 +173,16 @@ def drive(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
     monkeypatch.setattr(scripted.ScriptedModel, "answer", swapped)
     for name, place in short_worlds.SIMULATORS.items():
         monkeypatch.setitem(simulators.SIMULATORS, name, place)
-    found = {name: folder / name for name in ("closed-loop", "online", "hierarchy")}
+    result = {name: folder / name for name in ("closed-loop", "online", "hierarchy")}
     drives = {
         "closed-loop": ("--simulator", "short", "--seeds", "1,2", "--policy", "scripted:depth"),
         "online": ("--simulator", "short", "--episodes", "1", "--model", "scripted:scene_positive_control"),
     }
     for name, words in drives.items():
-        code, told = ask("run", name, *words, "--out", found[name])
+        code, told = ask("run", name, *words, "--out", result[name])
         assert code == 0, told
-    intents.make_study(found["hierarchy"], "scripted:stopping")
-    return found
+    intents.make_study(result["hierarchy"], "scripted:stopping")
+    return result
 
 
 def test_drives_that_several_models_answered_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

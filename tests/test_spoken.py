@@ -10,7 +10,7 @@ import pytest
 import banks
 import photographs
 import stand_ins
-from eyechart.conditions import BATTERY, CONDITIONS, seed_of, show, speaker
+from eyechart.conditions import BATTERY, CONDITIONS, seed_of, show, text_source_frame
 from eyechart.errors import BankError, EyechartError, LedgerError, SpecError
 from eyechart.frames import MAIN, BankWriter, Frame, FrameBank, Stimulus, check, encode, open_bank
 from eyechart.importing import Choices, import_table
@@ -30,7 +30,9 @@ PLACES = {"file": "photo", "episode": "drive", "step": "tick", "scenario": "plac
 TWO = Discrete("two", ("HALT", "GO"), (), ("HALT",), ("GO",))
 
 UNDRAWN = tuple(
-    name for name, one in CONDITIONS.items() if not one.needs & {"counterfactual", "control", "text", "drive"}
+    name
+    for name, condition in CONDITIONS.items()
+    if not condition.needs & {"counterfactual", "control", "text", "drive"}
 )
 """What a bank without counterfactuals can show where a prompt says nothing of a frame."""
 
@@ -87,7 +89,7 @@ def test_text_swapped_keeps_the_picture_and_says_what_another_frame_would(bank: 
     said = replace(bank, said=("speed",))
 
     def other_than(frame: Frame, run_seed: int = 3) -> Frame:
-        return speaker(frame, said, seed_of("text_swapped", frame, run_seed))
+        return text_source_frame(frame, said, seed_of("text_swapped", frame, run_seed))
 
     others = {frame.id: other_than(frame) for frame in bank}
     for frame in reversed(bank.frames):
@@ -105,7 +107,7 @@ def test_where_all_frames_say_the_same_no_text_can_be_swapped(bank: FrameBank) -
     """Named, not asked in vain."""
     mute = replace(bank, frames=tuple(replace(frame, fields={"speed": 5}) for frame in bank), said=("speed",))
     with pytest.raises(BankError, match=r"all frames have the same \[5\]"):
-        speaker(mute.frames[0], mute, 0)
+        text_source_frame(mute.frames[0], mute, 0)
 
 
 @pytest.mark.parametrize(("spec", "agrees"), [("driver:listens", False), ("driver:looks", True)])
@@ -115,14 +117,14 @@ def test_who_follows_the_text_is_told_from_who_follows_the_picture(
     """agree.text_swapped is 1 for the one that looks; V over the eight conditions stays as without text_swapped."""
     path = str(ask(SAID.replace("HALT", "HALT or CRAWL")))
     battery.run(battery.plan(bank.root, [spec], tmp_path / "run", prompt=path))
-    found = battery.score(tmp_path / "run", resamples=200).models[spec].statistics
-    assert (found["agree.text_swapped"].value == 1.0) == agrees
-    assert found["agree.text_swapped"].n > 0
-    assert found["agree.text_swapped"].ci is not None
+    statistics = battery.score(tmp_path / "run", resamples=200).models[spec].statistics
+    assert (statistics["agree.text_swapped"].value == 1.0) == agrees
+    assert statistics["agree.text_swapped"].n > 0
+    assert statistics["agree.text_swapped"].ci is not None
     battery.run(battery.plan(bank.root, [spec], tmp_path / "eight", prompt=path, conditions=BATTERY))
     eight = battery.score(tmp_path / "eight", resamples=200).models[spec].statistics
     assert "agree.text_swapped" not in eight
-    assert {name: found[name] for name in eight} == dict(eight)
+    assert {name: statistics[name] for name in eight} == dict(eight)
 
 
 def test_who_follows_a_text_that_goes_with_the_gap_is_not_taken_for_one_who_sees_it(ask: Ask, tmp_path: Path) -> None:

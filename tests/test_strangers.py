@@ -285,7 +285,7 @@ def test_who_does_not_deserve_depth_has_a_fault() -> None:
     assert set(FAULTS) == set(STRANGERS) - set(READERS)
     for kind in (NOISE_PAYS, LANES, STAGES, TURNS, ENDS, PLACES):
         assert sum(one.deserves == "no" for one in kind.values()) >= 5
-    assert all(one.deserves == "yes" for one in READERS.values())
+    assert all(reader.deserves == "yes" for reader in READERS.values())
 
 
 GAPS_M = (5.0, 6.5, 8.5, 10.5, 13.0, 16.0, 20.0, 25.0, 31.0, 38.0, 46.0, 53.0, 60.0)
@@ -355,7 +355,7 @@ def test_a_stranger_is_none_of_the_adversaries() -> None:
         rng = random.Random(2)  # noqa: S311 - no secret
         return np.array([str(one.decide(shown, rng)) for shown in roads])
 
-    known = {name: answers(one) for name, one in ADVERSARIES.items()}
+    known = {name: answers(adversary) for name, adversary in ADVERSARIES.items()}
     for name in FAULTS:
         mine = answers(STRANGERS[name].open())
         apart = {other: float((mine != theirs).mean()) for other, theirs in known.items()}

@@ -17,7 +17,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
-from eyechart.models import turns_of
+from eyechart.models import sequential_groups
 from eyechart.modes import RequestMode
 from eyechart.simulators import SIMULATORS
 from eyechart.studies import battery
@@ -77,7 +77,7 @@ def test_the_models_of_one_machine_share_a_turn(*, sequential: bool | None, turn
         RequestMode("scripted:depth"),
         RequestMode("ollama:f", base_url="http://box:11435"),
     ]
-    assert turns_of(modes, sequential=sequential) == turns
+    assert sequential_groups(modes, sequential=sequential) == turns
 
 
 def test_each_model_is_closed_before_the_next_is_opened_and_the_results_are_the_same(
@@ -85,19 +85,19 @@ def test_each_model_is_closed_before_the_next_is_opened_and_the_results_are_the_
 ) -> None:
     """With controls that the answers call for, and Holm over all; asked at once all three are there at one time."""
     seen: list[tuple[int, int]] = []
-    one = run_battery(bank, MODELS, tmp_path / "one", progress=lambda *now: seen.append(now))
+    report = run_battery(bank, MODELS, tmp_path / "one", progress=lambda *now: seen.append(now))
     assert weighty.EVENTS == IN_TURN
     assert seen == sorted(seen)
     assert seen[-1][0] == seen[-1][1]
-    asked = one.score.models["hf:depth"]
+    asked = report.score.models["hf:depth"]
     assert "lead_mid_near" in asked.answers.decisions or "recoloured" in asked.answers.decisions
 
     weighty.EVENTS.clear()
     together = run_battery(bank, MODELS, tmp_path / "together", sequential=False)
     assert weighty.most_at_once() == 3
-    assert together.rows() == one.rows()
-    assert {row["p_holm"] for row in one.rows() if row["p_holm"] is not None} > {1.0}
-    assert str(together).partition("Scope")[0] == str(one).partition("Scope")[0]
+    assert together.rows() == report.rows()
+    assert {row["p_holm"] for row in report.rows() if row["p_holm"] is not None} > {1.0}
+    assert str(together).partition("Scope")[0] == str(report).partition("Scope")[0]
 
 
 def test_stopping_early_and_what_is_saved_are_the_same(bank: FrameBank, tmp_path: Path) -> None:
@@ -108,8 +108,8 @@ def test_stopping_early_and_what_is_saved_are_the_same(bank: FrameBank, tmp_path
         assert weighty.most_at_once() == (3 if how else 1)
         weighty.EVENTS.clear()
     first, second = (battery.score(tmp_path / name) for name in ("one", "together"))
-    assert [one.answers.finished for one in first.models.values()] == [
-        one.answers.finished for one in second.models.values()
+    assert [model.answers.finished for model in first.models.values()] == [
+        model.answers.finished for model in second.models.values()
     ]
 
 
@@ -136,7 +136,7 @@ def test_every_run_keeps_one_model_at_a_time(
         assert weighty.most_at_once() == (len(specs[1]) if how else 1)
         assert result.stderr.count("warning: hf:scene_constant: its weights alone do not fit") == (specs[1] == SCENES)
         assert ("one after another, with only one open at a time: " in result.stderr) is not bool(how)
-        assert {one.partition(" ")[2] for one in weighty.EVENTS} == {one.partition(":")[2] for one in specs[1]}
+        assert {event.partition(" ")[2] for event in weighty.EVENTS} == {one.partition(":")[2] for one in specs[1]}
         weighty.EVENTS.clear()
 
 

@@ -289,7 +289,7 @@ def paper(corrected: float | None = LOW, **changes: Statistic) -> str:
         "mirror_swap_rate": share(0.1),
     }
     return paper_rules(
-        found | {name.replace("__", "."): one for name, one in changes.items()}, {"cramers_v": corrected}
+        found | {name.replace("__", "."): change for name, change in changes.items()}, {"cramers_v": corrected}
     ).label
 
 

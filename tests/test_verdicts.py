@@ -34,11 +34,11 @@ WORLD = simulated.frames()
 
 def rule_on(answered: Answers) -> tuple[Ruling, str, Ruling, Ruling]:
     """Return calibrated ruling, evidence, lateral ruling and the paper's ruling on simulated answers."""
-    found = statistics_of(answered, HOW)
-    lateral = lateral_rules(found, answered.directions())
-    calibrated, evidence = calibrated_rules(found, turns=earns_lateral(found, lateral.label))
-    holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
-    return calibrated, evidence, lateral, paper_rules(found, holm)
+    statistics = statistics_of(answered, HOW)
+    lateral = lateral_rules(statistics, answered.directions())
+    calibrated, evidence = calibrated_rules(statistics, turns=earns_lateral(statistics, lateral.label))
+    holm = {name: statistics[name].p for name in ("cramers_v", "cramers_v.decision")}
+    return calibrated, evidence, lateral, paper_rules(statistics, holm)
 
 
 def depth(condition: str, frame: Frame, rng: np.random.Generator) -> str:
@@ -209,11 +209,13 @@ def test_a_coin_is_told_from_a_controller_that_follows_the_gap_now_and_then() ->
 def test_one_scenario_leaves_another_untested_and_says_so() -> None:
     """A verdict on a single scenario notes that no picture of another one was shown."""
     whole = simulated.answers(depth, WORLD)
-    part = replace(whole, decisions={name: one for name, one in whole.decisions.items() if name != "cross_scenario"})
+    part = replace(
+        whole, decisions={name: decision for name, decision in whole.decisions.items() if name != "cross_scenario"}
+    )
     said = []
     for answered in (whole, part):
-        found = statistics_of(answered, Resampling(resamples=99, intervals=False))
-        said.append(notes(Evidence("simulated", found, 0, 0, answered.counts())))
+        statistics = statistics_of(answered, Resampling(resamples=99, intervals=False))
+        said.append(notes(Evidence("simulated", statistics, 0, 0, answered.counts())))
     note = "whether a picture of another scenario changes its answer was not tested"
     assert [note in one for one in said] == [False, True]
 
@@ -333,15 +335,15 @@ def test_every_label_has_a_sentence_and_the_paper_gives_no_other() -> None:
 
 def test_a_model_that_never_refuses_has_no_refusal_effect() -> None:
     """Other models of the run cannot turn a weak dependence into a refusal effect through their correction."""
-    found = statistics_of(simulated.answers(depth, WORLD), HOW)
+    statistics = statistics_of(simulated.answers(depth, WORLD), HOW)
     for name in ("cramers_v", "cramers_v.decision"):
-        found[name] = replace(found[name], p=0.004)
-    assert paper_rules(found, {"cramers_v": 0.04, "cramers_v.decision": 0.06}).label == "depth"
+        statistics[name] = replace(statistics[name], p=0.004)
+    assert paper_rules(statistics, {"cramers_v": 0.04, "cramers_v.decision": 0.06}).label == "depth"
 
 
 def test_the_floor_flag_is_strict() -> None:
     """IDI of exactly 1.5 s does not clear the floor."""
-    found = statistics_of(simulated.answers(depth, WORLD), HOW)
-    found["clears_floor"] = Statistic(0.0, 144)
-    holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
-    assert paper_rules(found, holm).label == "self_inconsistent"
+    statistics = statistics_of(simulated.answers(depth, WORLD), HOW)
+    statistics["clears_floor"] = Statistic(0.0, 144)
+    holm = {name: statistics[name].p for name in ("cramers_v", "cramers_v.decision")}
+    assert paper_rules(statistics, holm).label == "self_inconsistent"

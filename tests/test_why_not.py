@@ -34,10 +34,10 @@ def graded(condition: str, frame: Frame, rng: np.random.Generator) -> str:
 
 def evidence_on(answered: Answers, *, gap: bool = True) -> Evidence:
     """Return what there is to judge of simulated answers."""
-    found = statistics_of(answered, HOW)
-    holm = {name: found[name].p for name in ("cramers_v", "cramers_v.decision")}
+    statistics = statistics_of(answered, HOW)
+    holm = {name: statistics[name].p for name in ("cramers_v", "cramers_v.decision")}
     run = {"holm": holm, "directions": answered.directions(), "scenarios": 4, "gap": gap}
-    return Evidence("simulated", found, answered.finished, answered.finished, answered.counts(), **run)
+    return Evidence("simulated", statistics, answered.finished, answered.finished, answered.counts(), **run)
 
 
 def verdict_on(rule: simulated.Rule, world: tuple[Frame, ...] = WORLD, **how: object) -> Verdict:
@@ -162,14 +162,14 @@ def test_no_fewer_frames_are_named_than_there_are(share: float) -> None:
         answered = simulated.answers(rule, WORLD, seed=seed)
         why = judge_one(evidence_on(answered)).why_not
         assert why.frames is None or why.frames > len(WORLD)
-    one = Statistic(0.05, 144, (-0.02, 0.12), 0.9)
-    assert frames_to_bound(one, 0.05) == (283, "if the rest are like these")
-    assert frames_to_bound(replace(one, n=20), 0.05) == (25, "if there is none")
-    assert frames_to_bound(replace(one, value=0.1, ci=(-0.01, 0.21)), 0.05) == (175, "if the rest are like these")
-    assert frames_to_bound(replace(one, ci=(0.01, 0.09)), 0.05) is None
-    assert frames_to_bound(replace(one, ci=(0.0, 0.09)), 0.05) is not None
-    assert frames_to_bound(replace(one, ci=None), 0.05) is None
-    assert frames_to_bound(replace(one, value=None), 0.05) is None
+    statistic = Statistic(0.05, 144, (-0.02, 0.12), 0.9)
+    assert frames_to_bound(statistic, 0.05) == (283, "if the rest are like these")
+    assert frames_to_bound(replace(statistic, n=20), 0.05) == (25, "if there is none")
+    assert frames_to_bound(replace(statistic, value=0.1, ci=(-0.01, 0.21)), 0.05) == (175, "if the rest are like these")
+    assert frames_to_bound(replace(statistic, ci=(0.01, 0.09)), 0.05) is None
+    assert frames_to_bound(replace(statistic, ci=(0.0, 0.09)), 0.05) is not None
+    assert frames_to_bound(replace(statistic, ci=None), 0.05) is None
+    assert frames_to_bound(replace(statistic, value=None), 0.05) is None
     differs = DiscordantPairs(0.0, 20, (-0.2, 0.2), 0.9, b=2, c=2)
     assert frames_to_bound(differs, 0.05) == (pairs_to_bound(0.2, margin=0.1, alpha=0.05), "if there is none")
     one_pair = DiscordantPairs(0.0, 1, (-1.0, 1.0), 0.9, b=1, c=0)
@@ -429,12 +429,12 @@ def test_exchange_alone_does_not_meet_turns_to_the_clear_side() -> None:
 
     whole = simulated.answers(turning, WORLD)
     bare = tuple(
-        replace(one, truth={name: kept for name, kept in one.truth.items() if not name.endswith("_clear")})
-        for one in whole.frames
+        replace(frame, truth={name: kept for name, kept in frame.truth.items() if not name.endswith("_clear")})
+        for frame in whole.frames
     )
     for answered, found in ((whole, [True, True, True]), (replace(whole, frames=bare), [True, None, None])):
         checks = hold(Run(evidence_on(answered)), ["swaps", "turns_clear", "depth_lateral"]).checks
-        assert [one.holds for one in checks] == found
+        assert [check.holds for check in checks] == found
 
 
 def test_a_reader_that_declines_edited_pictures_is_told_that_it_does() -> None:
@@ -442,7 +442,8 @@ def test_a_reader_that_declines_edited_pictures_is_told_that_it_does() -> None:
     whole = simulated.answers(graded, WORLD)
     lost = (Decision(None, "refused"),) * 50
     decisions = {
-        name: (*lost, *one[50:]) if name == "exchange_beside" else one for name, one in whole.decisions.items()
+        name: (*lost, *decision[50:]) if name == "exchange_beside" else decision
+        for name, decision in whole.decisions.items()
     }
     why = judge_one(evidence_on(replace(whole, decisions=decisions))).why_not
     assert (why.label, why.decided_by, why.frames) == ("depth", "unparsed_controls", None)
@@ -453,7 +454,7 @@ def test_a_reader_that_declines_both_moved_pictures_is_told_to_decide_on_them() 
     """They were asked; other pictures that were not would settle nothing."""
     whole = simulated.answers(graded, WORLD)
     none = (Decision(None, "refused"),) * len(WORLD)
-    decisions = {name: one for name, one in whole.decisions.items() if name not in simulated.RANGED}
+    decisions = {name: decision for name, decision in whole.decisions.items() if name not in simulated.RANGED}
     moved = replace(whole, decisions=decisions | {"lead_near": none, "lead_far": none})
     why = judge_one(evidence_on(moved)).why_not
     assert (why.label, why.decided_by, why.conditions) == ("depth", "depth_interventional", ())

@@ -39,9 +39,9 @@ def test_a_plan_of_one_is_said_in_the_singular(tmp_path: Path, words: list[str],
     """Of every kind of run on a bank."""
     bank = build_bank(tmp_path / "bank", episodes=2, steps=2).root
     more = ["--model", "scripted:depth", "--frames", str(bank), "--out", str(tmp_path / "run"), "--dry-run"]
-    found = CliRunner().invoke(app, [*words, *more, "--limit", "1", "--conditions", "real"])
-    assert found.exit_code == 0, found.output
-    assert said in found.stderr
+    result = CliRunner().invoke(app, [*words, *more, "--limit", "1", "--conditions", "real"])
+    assert result.exit_code == 0, result.output
+    assert said in result.stderr
 
 
 def test_a_run_that_asked_nobody_yet_is_called_one(tmp_path: Path) -> None:

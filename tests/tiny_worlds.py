@@ -174,7 +174,7 @@ class Tiny:
         picture="a corridor",
         mirror_axis="vertical",
         action_space=DRIVING,
-        scenarios={name: f"{one.__doc__}" for name, one in FAULTS.items()},
+        scenarios={name: f"{fault.__doc__}" for name, fault in FAULTS.items()},
     )
 
     def drive(self, scenario: str, seed: int) -> Drive:

@@ -57,9 +57,9 @@ def requirements(python: str, version: str, place: Path, dist: Path) -> Path:
     """Return a folder of what eyechart requires, without eyechart: links to what this Python has, or installed once."""
     if python == sys.executable:
         place.mkdir()
-        for one in Path(sysconfig.get_path("purelib")).iterdir():
-            if not one.name.startswith(("eyechart", "__")):
-                (place / one.name).symlink_to(one)
+        for path in Path(sysconfig.get_path("purelib")).iterdir():
+            if not path.name.startswith(("eyechart", "__")):
+                (place / path.name).symlink_to(path)
         return place
     kept = BUILD / "requirements" / version
     if not kept.is_dir():
@@ -107,7 +107,7 @@ def try_in(python: str, dist: Path) -> str:
     ):
         said = run(command, *words, cwd=empty, codes=(2,))
         expect(f"needs eyechart-organisms: pip install 'eyechart[{extras}]'", said)
-        if "Traceback" in said or not {one.name for one in empty.iterdir()} <= {"demo", "looks"}:
+        if "Traceback" in said or not {path.name for path in empty.iterdir()} <= {"demo", "looks"}:
             sys.exit(f"try_wheel: {' '.join(words)} left something, or broke:\n{said}")
     install(own, dist, "eyechart[organisms]")
     run(own, "-c", FOUND, cwd=empty)

@@ -63,10 +63,10 @@ class OnTheWay(Endpoint):
             self.under_way.append(sent)
             place = len(self.under_way)
             await asyncio.sleep(0.03)
-            found = self.under_way[place % len(self.under_way)]
+            result = self.under_way[place % len(self.under_way)]
             await asyncio.sleep(0.03)
             self.under_way = []
-            return found
+            return result
         if self.way == "keeps":
             kind = next((kind for kind in ("colour", "side", "How many") if kind in user), "")
             return self.first.setdefault(kind, sent)

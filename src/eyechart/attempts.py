@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from eyechart.calls import BLOCKED, TRANSIENT, UNFINISHED, CallKey, Query, Reply
 from eyechart.event_loops import asyncio, require_no_loop
 from eyechart.ledger import Attempt, Ledger
-from eyechart.limits import Budget, Limits, Pace, asks_too_much, pause_s
+from eyechart.limits import Budget, Limits, Pace, is_asking_too_much, pause_s
 from eyechart.models import Model, ask
 
 _CLOSING_S = 10.0
@@ -72,10 +72,10 @@ class Caller:
         A transient error is retried with backoff. If the last reply is still such an error, the
         call is unfinished.
         """
-        made = await self._attempt(key, query, model, pace)
-        if made is not None:
-            self._budget.ended(key.model, made.reply, self._lacks(made.reply))
-        return made
+        outcome = await self._attempt(key, query, model, pace)
+        if outcome is not None:
+            self._budget.ended(key.model, outcome.reply, self._lacks(outcome.reply))
+        return outcome
 
     async def _attempt(self, key: CallKey, query: Query, model: Model, pace: Pace) -> CallOutcome | None:
         digest, made = query.sha256(), None
@@ -108,7 +108,7 @@ class Caller:
             self._heard.add(spec)
         if reply.error not in self._silent or spec not in self._heard or spec in self._budget.set_aside:
             return False
-        return (last or reply.error == "timeout") and not asks_too_much(reply)
+        return (last or reply.error == "timeout") and not is_asking_too_much(reply)
 
 
 async def close(model: Model) -> None:

@@ -210,7 +210,7 @@ def is_empty(reply: Reply) -> bool:
     return reply.error is None and not reply.text.strip() and not is_cut(reply)
 
 
-def concluded(reply: Reply) -> Reply:
+def answer_from_reasoning(reply: Reply) -> Reply:
     """Return an empty reply with the end of its reasoning as its text.
 
     The end is a JSON object, or else the last line. A cut or filtered reply is returned unchanged.

@@ -50,7 +50,7 @@ def channels_of(bank: FrameBank) -> tuple[str, ...]:
 
     These are all cameras together, each camera if there are several, the state and the instruction.
     """
-    names = [one.name for one in bank.frames[0].cameras]
+    names = [camera.name for camera in bank.frames[0].cameras]
     found = [CAMERAS, *(f"{CAMERA}{name}" for name in names if len(names) > 1)]
     found += [STATE] if bank.manifest.state else []
     return (*found, *([INSTRUCTION] if instruction_column(bank) else []))
@@ -68,7 +68,7 @@ def reads(channel: str, declared: Sequence[str]) -> bool:
 
 def require_channels(spec: str, declared: Sequence[str], bank: FrameBank) -> None:
     """Raise SpecError if a policy declares a channel that the bank does not have."""
-    there = dict.fromkeys((*channels_of(bank), *(f"{CAMERA}{one.name}" for one in bank.frames[0].cameras)))
+    there = dict.fromkeys((*channels_of(bank), *(f"{CAMERA}{camera.name}" for camera in bank.frames[0].cameras)))
     for name in declared:
         if name not in there:
             raise SpecError(f"'{spec}' declares the channel '{name}', and the bank has {', '.join(there)}")
@@ -88,19 +88,22 @@ def instruction_column(bank: FrameBank) -> str | None:
     )
 
 
-def reflected(seen: Stimulus, space: MotionSpace) -> Stimulus:
+def reflected(stimulus: Stimulus, space: MotionSpace) -> Stimulus:
     """Return a mirrored stimulus whose words and state are reflected too, if the space says how."""
     if space.words:
-        said = {name: space.reflect_text(one) if isinstance(one, str) else one for name, one in seen.fields.items()}
-        seen = replace(seen, fields=said)
+        said = {
+            name: space.reflect_text(field) if isinstance(field, str) else field
+            for name, field in stimulus.fields.items()
+        }
+        stimulus = replace(stimulus, fields=said)
     if not space.state:
-        return seen
-    numbers = reflect(np.array(flat_state(seen.state)), space.state)
+        return stimulus
+    numbers = reflect(np.array(flat_state(stimulus.state)), space.state)
     found, at = {}, 0
-    for name, values in seen.state.items():
+    for name, values in stimulus.state.items():
         found[name] = tuple(map(float, numbers[at : at + len(values)]))
         at += len(values)
-    return replace(seen, state=found)
+    return replace(stimulus, state=found)
 
 
 def flat_state(state: Mapping[str, tuple[float, ...]]) -> tuple[float, ...]:
@@ -236,7 +239,7 @@ class _FrameKeys:
 
     def seen(self, channel: str) -> Sequence[object]:
         """Return a key of each frame's pictures of a channel, equal for identical bytes."""
-        every = [one.name for one in self.frames[0].cameras]
+        every = [camera.name for camera in self.frames[0].cameras]
         names = [channel.removeprefix(CAMERA)] if channel.startswith(CAMERA) else every
         if self.images is None or not set(names) <= set(every):
             return range(len(self.frames))
@@ -247,13 +250,13 @@ class _FrameKeys:
 @lru_cache(maxsize=16)
 def _far(same: _FrameKeys, space: MotionSpace) -> tuple[Mapping[str, tuple[str, ...]], frozenset[str]]:
     """Return the faulty dimensions of each frame, and the dimensions with any far number."""
-    frames, names = [frame for frame in same.frames if frame.motion], [one.name for one in space.dimensions]
+    frames, names = [frame for frame in same.frames if frame.motion], [dimension.name for dimension in space.dimensions]
     if not frames:
         return {}, frozenset()
     numbers = relative_log(frames, space)
     far = outlying(numbers.reshape(-1, len(names)), at_once=space.horizon).reshape(numbers.shape).any(axis=1)
     faults = far & ~recurs(far, [frame.drive for frame in frames])
-    faults &= np.array([one.scale is None for one in space.dimensions])
+    faults &= np.array([dimension.scale is None for dimension in space.dimensions])
     found = {
         frame.id: tuple(names[place] for place in np.flatnonzero(faults[row]))
         for row, frame in enumerate(frames)

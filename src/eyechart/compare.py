@@ -70,7 +70,7 @@ class Comparison(KeyedRecord):
     @property
     def replicated(self) -> bool:
         """Return whether every model's verdict and statistics are replicated."""
-        return all(one.replicated for one in self.models.values())
+        return all(model.replicated for model in self.models.values())
 
     def printed(self, *, every: bool) -> "Iterator[Table | Text | str]":
         """Yield how the runs differ, then a table and a line per model, main or ``every`` row."""
@@ -78,10 +78,10 @@ class Comparison(KeyedRecord):
 
         yield from (f"not the same: {line}" for line in self.apart)
         yield from (f"{MARK} {line}" for line in self.marks)
-        for one in self.models.values():
-            yield replication_table(one, every=every)
-            pairs = (f"{name} {a}" if a == b else f"{name} {a}, then {b}" for name, (a, b) in one.labels.items())
-            yield Text(f"{one.model}: {'; '.join(pairs)}; {one.words}", style="bold")
+        for model in self.models.values():
+            yield replication_table(model, every=every)
+            pairs = (f"{name} {a}" if a == b else f"{name} {a}, then {b}" for name, (a, b) in model.labels.items())
+            yield Text(f"{model.model}: {'; '.join(pairs)}; {model.words}", style="bold")
 
 
 def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000) -> Comparison:
@@ -94,7 +94,9 @@ def compare(first: BatteryScore, second: BatteryScore, *, resamples: int = 2000)
     """
     if first.manifest.fingerprint != second.manifest.fingerprint:
         both = set(frames_in_common(first, second))
-        if not all({frame.id for frame in one.answers.frames} <= both for one in (*_models(first), *_models(second))):
+        if not all(
+            {frame.id for frame in model.answers.frames} <= both for model in (*_models(first), *_models(second))
+        ):
             raise SpecError(
                 f"the runs are on different banks ({first.bank.name} and {second.bank.name}); a replication "
                 f"needs the same frames, and they share {len(both)}: score both on these alone"
@@ -140,7 +142,7 @@ def frames_in_common(first: BatteryScore, second: BatteryScore) -> tuple[str, ..
 
     Raises SpecError if there are none.
     """
-    asked = [{frame.id for one in _models(run) for frame in one.answers.frames} for run in (first, second)]
+    asked = [{frame.id for model in _models(run) for frame in model.answers.frames} for run in (first, second)]
     moments = same_moments(first.bank.manifest, second.bank.manifest)
     if found := tuple(frame for frame in moments if frame in asked[0] & asked[1]):
         return found
@@ -176,7 +178,7 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
             said.append(f"{spec} had another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
         said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]
-        left = {spec: unfinished(one.answered, one.planned) for spec, one in mine.models.items()}
+        left = {spec: unfinished(model.answered, model.planned) for spec, model in mine.models.items()}
         said += [
             f"{spec}: the {which} run is {words}" for spec, words in left.items() if words and spec in theirs.models
         ]
@@ -199,18 +201,18 @@ MAIN = (
 """The main statistics of a comparison: those of the paper's replication paragraph, and the like."""
 
 
-def replication_table(one: Replication, *, every: bool = False) -> Table:
+def replication_table(replication: Replication, *, every: bool = False) -> Table:
     """Return a row per statistic: both values, the difference with its interval, n and p."""
     rows: list[tuple[Cell, ...]] = []
-    for name, found in one.differences.items():
-        if every or name in MAIN or name in one.changed:
+    for name, found in replication.differences.items():
+        if every or name in MAIN or name in replication.changed:
             sides = (found.first, found.second) if isinstance(found, StatisticDifference) else (None, None)
             signed = found.value is not None and name not in {"across_runs", "answer_shift"}
             value = f"{found.value:+.3f}" if signed else found.value
             note = {"across_runs": "share of equal answers", "answer_shift": "distance"}.get(name, found.note)
-            rows.append((name, *sides, value, *statistic_cells(found)[1:], one.holm[name], note))
+            rows.append((name, *sides, value, *statistic_cells(found)[1:], replication.holm[name], note))
     named = (Column("statistic", "word"), *columns("number", "first", "second", "difference"), *STATISTIC[1:])
-    return Table("replication", one.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
+    return Table("replication", replication.model, (*named, Column("p (Holm)", "p"), Column("note")), tuple(rows))
 
 
 def replications(scores: Mapping[str, BatteryScore]) -> Iterator[tuple[str, Comparison]]:
@@ -219,7 +221,7 @@ def replications(scores: Mapping[str, BatteryScore]) -> Iterator[tuple[str, Comp
     A replication has the same bank and prompt, and a common model. Runs that stopped early are
     skipped.
     """
-    named = [(name, one) for name, one in scores.items() if not any(mine.stopped for mine in one.models.values())]
+    named = [(name, score) for name, score in scores.items() if not any(mine.stopped for mine in score.models.values())]
     for place, (name, later) in enumerate(named):
         for before, first in named[:place]:
             alike = [(one.manifest.fingerprint, one.manifest.prompt.key) for one in (first, later)]
@@ -232,10 +234,10 @@ def replications_table(scores: Mapping[str, BatteryScore]) -> Table | None:
     """Return the statistics of replicated models in both runs; None without a replication."""
     rows, named = [], None
     for name, found in replications(scores):
-        for one in found.models.values():
-            made = replication_table(one)
-            named = named or made.columns
-            rows += [(f"{one.model} ({name})", *row) for row in made.rows]
+        for model in found.models.values():
+            table = replication_table(model)
+            named = named or table.columns
+            rows += [(f"{model.model} ({name})", *row) for row in table.rows]
     if named is None:
         return None
     caption = "Replication: the statistics of models in two runs, the second minus the first"

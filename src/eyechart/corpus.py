@@ -40,14 +40,14 @@ def corpus_table(runs: Sequence[Path], prices: Prices) -> Table:
         for run, name in zip(runs, names_of(runs), strict=True)
         for part, path in study_of(run).runs(run).items()
     ]
-    arms = [one for one in arms if one.counts.total()]
+    arms = [arm for arm in arms if arm.counts.total()]
     counts = ("scored", "unparsed", "failed", "open", "probe")
     rows: list[tuple[Cell, ...]] = [
-        (one.run, one.study, len(one.episodes), *(one.counts[what] for what in counts)) for one in arms
+        (arm.run, arm.study, len(arm.episodes), *(arm.counts[what] for what in counts)) for arm in arms
     ]
     if rows:
-        every = sum((one.counts for one in arms), Counter[str]())
-        episodes = frozenset[tuple[str, ...]]().union(*(one.episodes for one in arms))
+        every = sum((arm.counts for arm in arms), Counter[str]())
+        episodes = frozenset[tuple[str, ...]]().union(*(arm.episodes for arm in arms))
         rows.append((SUM, None, len(episodes), *(every[what] for what in counts)))
     named = (Column("run"), Column("study", "word"), *columns("count", "episodes", *counts))
     note = (
@@ -66,7 +66,7 @@ def _arm(name: str, run: Path, took: RunCosts) -> CorpusRun:
         counts["unparsed"] += sum(account.missing.values()) - failed
         counts["failed"] += failed
         counts["open"] += account.calls - account.finished
-    counts["probe"] = sum(one.calls for one in took.probes.values())
+    counts["probe"] = sum(probe.calls for probe in took.probes.values())
     study = "drives" if is_episodes(run) else str(run_json(run).get("study") or "")
     return CorpusRun(name, study, _episodes(run, frozenset(took.accounts)), counts)
 
@@ -76,5 +76,5 @@ def _episodes(run: Path, models: frozenset[str]) -> frozenset[tuple[str, ...]]:
     if not is_episodes(run):
         manifest, bank = read_run(run)
         return frozenset((manifest.fingerprint, frame.drive) for frame in bank)
-    driven = (one.key for one in read_episodes(run) if one.key.policy in models)
+    driven = (episode.key for episode in read_episodes(run) if episode.key.policy in models)
     return frozenset((str(run.resolve()), *map(str, astuple(key))) for key in driven)

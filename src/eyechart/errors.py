@@ -114,7 +114,7 @@ def encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-def meant(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return " did you mean 'depth'?" for a mistyped name that is near a known one, else ""."""
     import difflib  # noqa: PLC0415 - nobody needs it before a mistake
 
@@ -123,16 +123,16 @@ def meant(name: str, known: Iterable[str]) -> str:
     return f" did you mean '{folded[near[0]]}'?" if near and folded[near[0]] != name else ""
 
 
-def perhaps(name: str, known: Iterable[str]) -> str:
+def suggestion(name: str, known: Iterable[str]) -> str:
     """Return "; did you mean 'depth'?" for a mistyped name that is near a known one, else ""."""
-    found = meant(name, known)
+    found = did_you_mean(name, known)
     return f";{found}" if found else ""
 
 
 def require_known(what: str, name: str, known: Collection[str], rest: str = "") -> None:
     """Raise SpecError for an unknown name, with a near one, all known ones, and ``rest``."""
     if name not in known:
-        raise SpecError(f"unknown {what};{meant(name, known)} known are {', '.join(known)}{rest}")
+        raise SpecError(f"unknown {what};{did_you_mean(name, known)} known are {', '.join(known)}{rest}")
 
 
 def is_full(error: BaseException) -> bool:
@@ -200,10 +200,10 @@ def text_file(path: Path) -> Path:
 def read_at_most(path: Path, most: int, kind: "type[EyechartError]", what: str) -> bytes:
     """Return a file's bytes; raises ``kind`` if it cannot be read or is too large for ``what``."""
     with raising(kind, f"{path} cannot be read"), path.open("rb") as file:
-        found = file.read(most + 1)
-    if len(found) > most:
+        result = file.read(most + 1)
+    if len(result) > most:
         raise kind(f"{path} has more than {most} bytes, too many for {what}")
-    return found
+    return result
 
 
 def whole_number(name: str, value: object, least: int) -> int:

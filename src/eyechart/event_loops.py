@@ -25,7 +25,7 @@ T = TypeVar("T")
 Progress = Callable[[int, int], None]
 
 
-def running() -> bool:
+def has_running_loop() -> bool:
     """Return whether an event loop is running in this thread."""
     try:
         asyncio.get_running_loop()
@@ -36,7 +36,7 @@ def running() -> bool:
 
 def require_no_loop() -> None:
     """Raise SpecError if an event loop is running in this thread, which allows no other."""
-    if running():
+    if has_running_loop():
         raise SpecError(
             "an event loop is running already, as in a notebook, and this needs its own: call it in a thread "
             "(await asyncio.to_thread(...)), or use eyechart.api.run_battery or eyechart.studies.policy.run"
@@ -45,7 +45,7 @@ def require_no_loop() -> None:
 
 def in_own_loop(run: "Coroutine[Any, Any, T]") -> T:
     """Return a coroutine's result from its own event loop, in a thread if one is running here."""
-    if not running():
+    if not has_running_loop():
         return to_its_end(run)
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(to_its_end, run).result()
@@ -59,7 +59,7 @@ def to_its_end(run: "Coroutine[Any, Any, T]") -> T:
 
 def make_calls(run: Callable[..., T], progress: Progress | None) -> T:
     """Run a study with ``progress``, in a thread if a loop runs here; an interrupt ends both."""
-    if not running():
+    if not has_running_loop():
         return run(progress=progress)
     calls = _ThreadCalls(progress)
     with ThreadPoolExecutor(1) as thread:

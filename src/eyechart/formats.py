@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import SourceError, SpecError, perhaps
+from eyechart.errors import SourceError, SpecError, suggestion
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Format:
         """Return the function that makes the bank; raises SourceError without its extra."""
         module, _, function = self.opens.partition(":")
         try:
-            found: Callable[..., Any] = getattr(import_module(module), function)
+            result: Callable[..., Any] = getattr(import_module(module), function)
         except ImportError as error:
             raise SourceError(f"this needs {error.name}: pip install 'eyechart[{self.extra}]'") from error
-        return found
+        return result
 
 
 FORMATS: dict[str, Format] = {
@@ -74,15 +74,15 @@ def find_format(name: str | None, folder: Path, given: Collection[str]) -> Forma
     name, and for options that the format does not take.
     """
     if name is not None and name not in FORMATS:
-        raise SpecError(f"--format takes {' or '.join(FORMATS)}, not '{name}'{perhaps(name, tuple(FORMATS))}")
-    found = FORMATS[name or "table"]
+        raise SpecError(f"--format takes {' or '.join(FORMATS)}, not '{name}'{suggestion(name, tuple(FORMATS))}")
+    result = FORMATS[name or "table"]
     if name is None and "table" not in given:
-        found = next((one for one in FORMATS.values() if one.sign and (folder / one.sign).is_file()), found)
-    if ("table" in found.options) != ("table" in given):
+        result = next((one for one in FORMATS.values() if one.sign and (folder / one.sign).is_file()), result)
+    if ("table" in result.options) != ("table" in given):
         others = " or ".join(known for known, one in FORMATS.items() if "table" not in one.options)
         raise SpecError(f"give either --table FILE of the pictures or --format {others}, not both")
     for option in given:
-        if option not in found.options:
+        if option not in result.options:
             called = "--horizon" if option == "ahead" else f"--{option}"
-            raise SpecError(found.refuses.get(option, f"{called} is not for {found.folder}: leave it out"))
-    return found
+            raise SpecError(result.refuses.get(option, f"{called} is not for {result.folder}: leave it out"))
+    return result

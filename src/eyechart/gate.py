@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Protocol, TypedDict, Unpack
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, did_you_mean
 from eyechart.integrity import Guard, ServedGuard, unfinished
 from eyechart.modes import made_elsewhere
 from eyechart.stats.agreement import clopper_pearson
@@ -33,7 +33,7 @@ from eyechart.verdicts.why_not import NOTHING
 
 def _meeting(labels: Mapping[str, Label], which: str) -> dict[str, str]:
     names = dict.fromkeys(name for label in labels for name in meets(label, labels))
-    meeting = {name: sorted(one for one in labels if name in meets(one, labels)) for name in names}
+    meeting = {name: sorted(label for label in labels if name in meets(label, labels)) for name in names}
     return {name: f"the {which} is {' or '.join(found)}" for name, found in meeting.items()}
 
 
@@ -44,7 +44,7 @@ UNPARSED = "max_unparsed"
 ORDER = "order"
 ADMISSION: dict[str, str] = {
     "admission": "every clause of admission",
-    **{name: one.needs for name, one in CLAUSES.items()},
+    **{name: clause.needs for name, clause in CLAUSES.items()},
 }
 """The possible requirements of a run of scene estimates; those of a battery do not apply."""
 
@@ -97,7 +97,7 @@ class Gate:
         words = {True: "holds", False: "fails", None: "cannot say"}
         return {
             "exit_code": self.exit_code,
-            "checks": [{**asdict(one), "outcome": words[one.holds]} for one in self.checks],
+            "checks": [{**asdict(check), "outcome": words[check.holds]} for check in self.checks],
         }
 
     def junit(self) -> bytes:
@@ -131,7 +131,7 @@ def read_requirements(text: str, known: Collection[str] = tuple(REQUIREMENTS)) -
     wanted = tuple(dict.fromkeys(part.strip() for part in text.split(",") if part.strip()))
     unknown = [name for name in wanted if name not in known]
     if unknown or not wanted:
-        near = "".join(meant(name, known) for name in unknown)
+        near = "".join(did_you_mean(name, known) for name in unknown)
         raise SpecError(
             f"--require takes one or more of {', '.join(known)}, with commas; got '{text}'{near and f';{near}'}"
         )
@@ -264,11 +264,11 @@ def hold_online(score: ScoredOnlineRun, require: Sequence[str] = ("admission",),
     wanted = read_requirements(",".join(require), tuple(ONLINE))
     clauses = [name for name in wanted if name != "frames"]
     held = hold_admission(score, clauses or ["admission"], **terms)
-    found = [one for one in held.checks if clauses or one.requirement == UNPARSED]
+    found = [check for check in held.checks if clauses or check.requirement == UNPARSED]
     checks: list[Check] = []
     for spec in score.evidence():
         seen, why = score.frames(spec)
-        mine = [one for one in found if one.model == spec]
+        mine = [check for check in found if check.model == spec]
         if seen is not True:
             mine = [replace(one, holds=None, because=f"{one.because}; {why}") if one.holds else one for one in mine]
         if {"frames", "admission"} & set(wanted):
@@ -310,12 +310,12 @@ def _marked(check: Check, guards: Sequence[Guard], terms: Terms) -> Check:
 
     If several models answered, every check does. Another fingerprint alone may be allowed.
     """
-    served = [one for one in guards if isinstance(one, ServedGuard)]
-    allowed = [one for one in served if one.by_fingerprint and terms.get("allow_fingerprints")]
-    failed = [one for one in guards if one not in allowed]
+    served = [guard for guard in guards if isinstance(guard, ServedGuard)]
+    allowed = [guard for guard in served if guard.by_fingerprint and terms.get("allow_fingerprints")]
+    failed = [guard for guard in guards if guard not in allowed]
     if not failed:
         return check
-    nothing, marks = check.holds or len(served) > len(allowed), (one.mark for one in failed)
+    nothing, marks = check.holds or len(served) > len(allowed), (guard.mark for guard in failed)
     return replace(check, holds=None if nothing else check.holds, because="; ".join((check.because, *marks)))
 
 
@@ -333,7 +333,7 @@ def _no_evidence(one: Evidence) -> str:
     return ""
 
 
-def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -> tuple[bool | None, str]:
+def _claim(requirement: str, verdict: Verdict, statistics: Mapping[str, Statistic]) -> tuple[bool | None, str]:
     """Return whether a verdict meets a requirement, and why."""
     label = verdict.calibrated.label
     because = f"{label}: {verdict.calibrated.because}"
@@ -343,7 +343,7 @@ def _claim(requirement: str, verdict: Verdict, found: Mapping[str, Statistic]) -
         weak = f"not excluded: {', or '.join(verdict.open_to)}" if requirement in _AUTHORITY and verdict.open_to else ""
         return (None, f"{because}; {weak}") if weak else (True, because)
     if requirement in _AUTHORITY:
-        return _not_depth(verdict, found, because)
+        return _not_depth(verdict, statistics, because)
     is_open = label == "undecided" or (requirement == LOOKS and LABELS[label].answer == "Inconclusive")
     return None if is_open else False, because
 
@@ -360,7 +360,7 @@ def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
     return True if met else None if is_open else False, f"{lateral.label}: {lateral.because}"
 
 
-def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
+def _not_depth(verdict: Verdict, statistics: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
     """Return the outcome of a label below depth for a gate that requires depth."""
     label = LABELS[verdict.calibrated.label]
     if label.otherwise == "cannot say" or verdict.evidence == "none":
@@ -377,16 +377,16 @@ def _not_depth(verdict: Verdict, found: Mapping[str, Statistic], because: str) -
             else (False, said)
         )
     if label.otherwise == "fails if bounded":
-        shown, words = _refuted(found)
+        shown, words = _refuted(statistics)
         return False if shown else None, f"{because}{words}"
     return False, because
 
 
-def _refuted(found: Mapping[str, Statistic]) -> tuple[bool, str]:
+def _refuted(statistics: Mapping[str, Statistic]) -> tuple[bool, str]:
     """Return whether its braking provably ignores distance, and words for the reason."""
-    if is_refuted(found):
+    if is_refuted(statistics):
         return True, ""
-    near_far = found["depth_interventional"]
+    near_far = statistics["depth_interventional"]
     if isinstance(near_far, SignTest) and (pairs := near_far.wins + near_far.losses + near_far.ties):
         most = clopper_pearson(near_far.wins, pairs, 1 - 2 * ALPHA)[1]
         if most < MARGIN:

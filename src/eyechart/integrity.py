@@ -124,28 +124,28 @@ class ServedChecks:
 
         Names that the probe did not record are skipped.
         """
-        found = {}
+        result = {}
         for name, fact in (("model", "served"), ("provider", "provider")):
-            seen = self._probed.get(fact, "").split(", ")
+            tables = self._probed.get(fact, "").split(", ")
             now = sorted({one for named in self._found if (one := named[name == "provider"]) not in {None, _OTHERS}})
-            others = [one for one in now if not any(f"{known} ".startswith(f"{one} ") for known in seen)]
+            others = [one for one in now if not any(f"{known} ".startswith(f"{one} ") for known in tables)]
             if self._probed.get(fact) and others:
                 before, after = (_shown(printable(one)) for one in (self._probed[fact], others[0]))
-                found[name] = f"the probe saw {before}, and {after} answered"
-        return found
+                result[name] = f"the probe saw {before}, and {after} answered"
+        return result
 
     def guards(self) -> tuple[ServedGuard, ...]:
         """Return the guard, or none if no reply has a name."""
         answered = tuple(ServedModel(*named, *counted) for named, counted in self._found.items())
         if not answered:
             return ()
-        several = {name: {getattr(one, name) for one in answered} - {None} for name in _DIFFERS}
+        several = {name: {getattr(model, name) for model in answered} - {None} for name in _DIFFERS}
         unlike = self.unlike()
         differs = tuple(name for name, found in several.items() if len(found) > 1 or name in unlike)
-        shown = "; ".join(one.words for one in answered[:_SHOWN])
+        shown = "; ".join(model.words for model in answered[:_SHOWN])
         more = f"; and {len(answered) - _SHOWN} more" if len(answered) > _SHOWN else ""
         if not differs and self._unnamed and several["model"]:
-            replies = self._unnamed + sum(one.replies for one in answered if one.model)
+            replies = self._unnamed + sum(model.replies for model in answered if model.model)
             counted = f"{self._unnamed} of {replies} replies do not name their model, and the others do"
             words = f"{counted}, so another model may have answered: {shown}{more}"
             return (ServedGuard("served", False, words, answered, ("model",)),)
@@ -260,7 +260,7 @@ class GuardChecks:
                 ),
                 _constant(self._texts, self._decided, self._empty),
                 self._ends.guard(),
-                *(served if any(not one.holds for one in served) else (_UNNAMED,)),
+                *(served if any(not guard.holds for guard in served) else (_UNNAMED,)),
             )
         return (
             _picture(self._tokens, self._mode, self._served.unlike()),

@@ -171,8 +171,8 @@ def _in_one_line(text: str) -> tuple[str, Places]:
 def _of_codes(found: re.Match[str]) -> tuple[str, Places]:
     """Return the text of a list of character codes."""
     numbers = list(re.finditer(r"\d+", found[0]))
-    ends = [(found.start() + one.start(), found.start() + one.end()) for one in numbers]
-    return "".join(chr(int(one[0])) for one in numbers), ends.__getitem__
+    ends = [(found.start() + number.start(), found.start() + number.end()) for number in numbers]
+    return "".join(chr(int(number[0])) for number in numbers), ends.__getitem__
 
 
 def _aligned(signs: str, at: Sequence[int], bits: int, decode: Callable[[str], bytes]) -> Iterator[tuple[str, Places]]:
@@ -204,10 +204,10 @@ def _unescaped(text: str) -> tuple[str, Places]:
     for found in _ESCAPE.finditer(text):
         sign = _sign(found)
         parts += [text[last : found.start()], sign]
-        ends += [(one, one + 1) for one in range(last, found.start())] + [found.span()] * len(sign)
+        ends += [(index, index + 1) for index in range(last, found.start())] + [found.span()] * len(sign)
         last = found.end()
     parts.append(text[last:])
-    ends += [(one, one + 1) for one in range(last, len(text))]
+    ends += [(index, index + 1) for index in range(last, len(text))]
     return "".join(parts), ends.__getitem__
 
 

@@ -49,12 +49,12 @@ class Usage(JsonRecord):
         """Return the sum of several totals."""
         rows = list(parts)
         return cls(
-            calls=sum(one.calls for one in rows),
-            prompt_tokens=_sum(one.prompt_tokens for one in rows),
-            completion_tokens=_sum(one.completion_tokens for one in rows),
-            cost_usd=sum(one.cost_usd for one in rows),
-            unknown=sum(one.unknown for one in rows),
-            seconds=sum(one.seconds for one in rows),
+            calls=sum(row.calls for row in rows),
+            prompt_tokens=_sum(row.prompt_tokens for row in rows),
+            completion_tokens=_sum(row.completion_tokens for row in rows),
+            cost_usd=sum(row.cost_usd for row in rows),
+            unknown=sum(row.unknown for row in rows),
+            seconds=sum(row.seconds for row in rows),
         )
 
     @property
@@ -70,7 +70,7 @@ class Usage(JsonRecord):
 
 def _sum(counts: Iterable[int | None]) -> int | None:
     """Return the sum of the reported counts, None without one."""
-    told = [one for one in counts if one is not None]
+    told = [count for count in counts if count is not None]
     return sum(told) if told else None
 
 
@@ -79,7 +79,7 @@ NOTHING = Usage()
 
 def added(earlier: Mapping[str, Usage], now: Mapping[str, Usage]) -> dict[str, Usage]:
     """Return the totals of ``now`` by model, with the earlier ones of the same models added."""
-    return {spec: Usage.together([earlier.get(spec, NOTHING), one]) for spec, one in now.items()}
+    return {spec: Usage.together([earlier.get(spec, NOTHING), usage]) for spec, usage in now.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +189,7 @@ class Budget:
             self._sent -= 1
         elif self.limits.cost_usd is not None:
             self._add(model, reply)
-        if asks_too_much(reply):
+        if is_asking_too_much(reply):
             asked = f"its server asks for a pause of {reply.retry_after_s:.0f} s (Retry-After)"
             ends = f"a run waits at most {LONGEST_WAIT_S:.0f} s; the same command goes on later"
             self.set_aside.setdefault(model, f"{reply.error}: {asked}, and {ends}")
@@ -287,7 +287,7 @@ class Pace:
         if reply.error == "rate_limited":
             if entered >= self._slowed_at:  # one decrease for all that ran at the first 429
                 self.limit, self._slowed_at = max(1.0, self.limit / 2), now
-            if reply.retry_after_s is not None and not asks_too_much(reply):
+            if reply.retry_after_s is not None and not is_asking_too_much(reply):
                 self._hold_until = max(self._hold_until, now + reply.retry_after_s)
         elif reply.error is None:
             self.limit = min(float(self._most), self.limit + 1 / self.limit)
@@ -309,6 +309,6 @@ def pause_s(number: int, reply: Reply) -> float:
     return max(backoff, min(reply.retry_after_s or 0.0, LONGEST_WAIT_S))
 
 
-def asks_too_much(reply: Reply) -> bool:
+def is_asking_too_much(reply: Reply) -> bool:
     """Return whether a transient failure asks for a longer wait than a run makes."""
     return reply.error in TRANSIENT and (reply.retry_after_s or 0.0) > LONGEST_WAIT_S

@@ -397,13 +397,13 @@ def versions() -> dict[str, str]:
     """Return the versions that may matter to a picture or a number."""
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow to import
 
-    found = {"eyechart": __version__, "python": platform.python_version()}
+    result = {"eyechart": __version__, "python": platform.python_version()}
     for package in ("numpy", "scipy", "pillow", "highway-env", "gymnasium", "pygame-ce"):
         try:
-            found[package] = version(package)
+            result[package] = version(package)
         except PackageNotFoundError:
             continue
-    return found
+    return result
 
 
 def today() -> str:
@@ -575,19 +575,19 @@ def _built(kind: type[M], raw: dict[str, Any], file: str) -> M:
     return made
 
 
-def _require_legal(made: RunManifest) -> None:
+def _require_legal(manifest: RunManifest) -> None:
     """Raise ValueError, or SpecError for a condition, if a run's manifest is impossible."""
-    if len(made.conditions) > MOST_CONDITIONS:
+    if len(manifest.conditions) > MOST_CONDITIONS:
         raise ValueError(
-            f"it has {len(made.conditions)} conditions, more than the {MOST_CONDITIONS} that a run may have"
+            f"it has {len(manifest.conditions)} conditions, more than the {MOST_CONDITIONS} that a run may have"
         )
-    if not 1 <= made.answers <= MOST_ANSWERS:
-        raise ValueError(f"answers is {made.answers}, not a number from 1 to {MOST_ANSWERS}")
-    for condition in made.conditions:
-        find_condition(condition, made.prompt.who)
-    if made.controls not in CONTROLS_ASKED:
-        raise ValueError(f"controls {made.controls!r} is not one of {', '.join(CONTROLS_ASKED)}")
-    if made.encoding not in ENCODINGS:
-        raise ValueError(f"encoding {made.encoding!r} is not one of {', '.join(ENCODINGS)}")
-    if made.shard is not None and not 1 <= made.shard[0] <= made.shard[1]:
-        raise ValueError(f"shard {made.shard[0]}/{made.shard[1]} does not satisfy 1 <= i <= n")
+    if not 1 <= manifest.answers <= MOST_ANSWERS:
+        raise ValueError(f"answers is {manifest.answers}, not a number from 1 to {MOST_ANSWERS}")
+    for condition in manifest.conditions:
+        find_condition(condition, manifest.prompt.who)
+    if manifest.controls not in CONTROLS_ASKED:
+        raise ValueError(f"controls {manifest.controls!r} is not one of {', '.join(CONTROLS_ASKED)}")
+    if manifest.encoding not in ENCODINGS:
+        raise ValueError(f"encoding {manifest.encoding!r} is not one of {', '.join(ENCODINGS)}")
+    if manifest.shard is not None and not 1 <= manifest.shard[0] <= manifest.shard[1]:
+        raise ValueError(f"shard {manifest.shard[0]}/{manifest.shard[1]} does not satisfy 1 <= i <= n")

@@ -16,7 +16,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit, urlunsplit
 import msgspec
 import tomli_w
 
-from eyechart.errors import SecretError, SpecError, meant, perhaps, raising
+from eyechart.errors import SecretError, SpecError, did_you_mean, raising, suggestion
 from eyechart.keys import SHORTEST, is_beside_a_variable, looks_like_a_key, names_a_hash, names_a_key, without_keys
 from eyechart.records import LARGEST
 from eyechart.spaces.discrete import read_toml
@@ -354,7 +354,7 @@ def _require(value: object, checks: Mapping[str, _Check], where: str) -> None:
         if not holds(given):
             secret = name in {"base_url", "key_env"} or looks_like_a_key(str(given))  # may be one
             said = f"{str(given)[:8]!r}…" if secret else repr(str(given)[:80])
-            near = "" if secret or name not in _CHOICES else perhaps(str(given), _CHOICES[name])
+            near = "" if secret or name not in _CHOICES else suggestion(str(given), _CHOICES[name])
             raise SpecError(f"{where}: {name} must be {words}; got {said}{near}")
 
 
@@ -362,7 +362,7 @@ def _refuse_unknown(values: Mapping[str, object], kind: type[RequestMode] | type
     known = [one.name for one in fields(kind)]
     for name in values:
         if name not in known:
-            raise SpecError(f"{where}: there is no '{name}';{meant(name, known)} there are {', '.join(known)}")
+            raise SpecError(f"{where}: there is no '{name}';{did_you_mean(name, known)} there are {', '.join(known)}")
 
 
 def _expand(name: str, value: str, environ: Mapping[str, str]) -> str:

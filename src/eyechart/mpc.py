@@ -129,7 +129,7 @@ class Detour:
         first = min(ahead, key=lambda disc: disc[0] - disc[2])
         group = [disc for disc in ahead if abs(disc[0] - first[0]) < first[2] + disc[2]]
         edges = {cy + side * (r + _BERTH_M) for _, cy, r in group for side in (-1.0, 1.0)} | {offset}
-        free = [one for one in edges if abs(one) <= self._half and all(abs(one - cy) >= r for _, cy, r in group)]
+        free = [edge for edge in edges if abs(edge) <= self._half and all(abs(edge - cy) >= r for _, cy, r in group)]
         costs = sorted((abs(edge - y) + 0.5 * abs(edge - offset), edge) for edge in free)
         if not costs or (len(costs) > 1 and costs[0][0] == costs[1][0]):
             return offset

@@ -89,8 +89,8 @@ def find_runs(folder: Path, deep: int = DEEPEST) -> list[Path]:
     if _is_run(folder):
         return [folder]
     with raising(SpecError, f"{folder} cannot be read"):
-        inside = [one for one in sorted(folder.iterdir()) if one.is_dir() and not one.is_symlink()]
-    return [run for one in inside for run in find_runs(one, deep - 1)] if deep else []
+        inside = [path for path in sorted(folder.iterdir()) if path.is_dir() and not path.is_symlink()]
+    return [run for path in inside for run in find_runs(path, deep - 1)] if deep else []
 
 
 def read_index(folder: Path, reading: ReadOptions, tell: Tell) -> list[Entry]:
@@ -98,12 +98,12 @@ def read_index(folder: Path, reading: ReadOptions, tell: Tell) -> list[Entry]:
 
     A run without calls has only its day, and precedes all that began on that day.
     """
-    found: list[Entry] = []
+    entries: list[Entry] = []
     for run in find_runs(folder):
         name = run.relative_to(folder).as_posix()
         tell(f"scoring {name}")
-        found += _entries(name, run, reading)
-    return sorted(found, key=lambda one: (one.begun, one.run, one.model))
+        entries += _entries(name, run, reading)
+    return sorted(entries, key=lambda entry: (entry.begun, entry.run, entry.model))
 
 
 def _entries(name: str, run: Path, reading: ReadOptions) -> Iterator[Entry]:
@@ -126,20 +126,23 @@ def _created(run: Path) -> object:
 
 def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, ModelSummary]) -> Iterator[Entry]:
     parts = [study.manifest(one) for one in study.runs(run).values()]
-    of_banks = [one for one in parts if isinstance(one, RunManifest)]
-    of_drives = [one for one in parts if isinstance(one, EpisodesManifest)]
-    about = [*(Path(one.bank_path).name for one in of_banks), *(one.simulator for one in of_drives)]
+    of_banks = [part for part in parts if isinstance(part, RunManifest)]
+    of_drives = [part for part in parts if isinstance(part, EpisodesManifest)]
+    about = [*(Path(part.bank_path).name for part in of_banks), *(part.simulator for part in of_drives)]
     begun = _moment(study.began(run))
     for spec, found in findings.items():
-        versions = [*(one.models.get(spec) for one in of_banks), *(one.policies.get(spec) for one in of_drives)]
+        versions = [*(part.models.get(spec) for part in of_banks), *(part.policies.get(spec) for part in of_drives)]
         asked = (
-            ("bank", [*(one.fingerprint for one in of_banks), *(one.simulator for one in of_drives)]),
-            ("frames", [*((one.limit, one.shard, one.frames) for one in of_banks), *(one.seeds for one in of_drives)]),
-            ("conditions", [one.conditions for one in parts]),
-            ("prompt", [one.prompt.key for one in parts]),
+            ("bank", [*(part.fingerprint for part in of_banks), *(part.simulator for part in of_drives)]),
+            (
+                "frames",
+                [*((part.limit, part.shard, part.frames) for part in of_banks), *(part.seeds for part in of_drives)],
+            ),
+            ("conditions", [part.conditions for part in parts]),
+            ("prompt", [part.prompt.key for part in parts]),
             (_VERSION, versions),
-            ("mode", [one.mode(spec) for one in parts if spec in one.models]),
-            ("reader", [one.reader for one in parts]),
+            ("mode", [part.mode(spec) for part in parts if spec in part.models]),
+            ("reader", [part.reader for part in parts]),
         )
         where = ", ".join(dict.fromkeys(about))
         yield Entry(name, study.runs_are, begun, spec, where, asked, found, study.counted)
@@ -164,7 +167,7 @@ def make_index(folder: Path, reading: ReadOptions, tell: Tell, out: Path | None 
     entries = read_index(folder, reading, tell)
     if not entries:
         raise SpecError(f"{folder} is no run and holds none: 'eyechart run' makes one")
-    runs = list(dict.fromkeys(one.run for one in reversed(entries)))
+    runs = list(dict.fromkeys(entry.run for entry in reversed(entries)))
     places = {run: f"run-{number}" for number, run in enumerate(runs, 1)}
     pages = {} if out is None else _pages(folder, runs, out)
     led = {run: pages.get(run, f"#{place}") for run, place in places.items()}
@@ -177,8 +180,8 @@ def make_index(folder: Path, reading: ReadOptions, tell: Tell, out: Path | None 
         title=folder.resolve().name,
         answer=_opening(entries, places),
         runs=len(runs),
-        models=len({one.model for one in entries if one.model}),
-        tables={one.name: one for one in tables},
+        models=len({entry.model for entry in entries if entry.model}),
+        tables={table.name: table for table in tables},
         each=_each(entries, places, pages),
         folder=str(folder),
     )
@@ -198,7 +201,7 @@ def _each(entries: Sequence[Entry], places: Mapping[str, str], pages: Mapping[st
             "said": [(one, _said(one)) for one in mine],
         }
         for run, place in places.items()
-        for mine in [[one for one in entries if one.run == run]]
+        for mine in [[entry for entry in entries if entry.run == run]]
     ]
 
 
@@ -208,15 +211,15 @@ def _pages(folder: Path, runs: Sequence[str], out: Path) -> dict[str, str]:
     A page is a run's if its title names that run alone. If two runs have one name, only a page in
     or beside the run counts.
     """
-    found: dict[str, str] = {}
+    pages: dict[str, str] = {}
     names = [_named(folder / run) for run in runs]
     for run, name in zip(runs, names, strict=True):
         here = folder / run
         near = [here, here.parent, *([out.parent] if names.count(name) == 1 else [])]
         page = next((file for place in near for file in _titled(place, name) if file.resolve() != out.resolve()), None)
         if page is not None:
-            found[run] = quote(os.path.relpath(page.resolve(), out.resolve().parent).replace(os.sep, "/"))
-    return found
+            pages[run] = quote(os.path.relpath(page.resolve(), out.resolve().parent).replace(os.sep, "/"))
+    return pages
 
 
 def _named(run: Path) -> str:
@@ -242,18 +245,18 @@ _OF_TONE = dict(zip(GLYPHS, _ANSWERS, strict=True))
 """The answer of a tone, for findings without an answer of their own."""
 
 
-def _tone(one: Entry) -> str:
+def _tone(entry: Entry) -> str:
     """Return the tone of a finding at the head of a page."""
-    return one.found.tone if one.found.tone in GLYPHS else "open"
+    return entry.found.tone if entry.found.tone in GLYPHS else "open"
 
 
 def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[Entry]]:
     """Return the verdicts on each model of each kind, in order."""
-    found: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
-    for one in entries:
-        if one.judged:
-            found.setdefault((one.model, one.counted), []).append(one)
-    return found
+    result: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
+    for entry in entries:
+        if entry.judged:
+            result.setdefault((entry.model, entry.counted), []).append(entry)
+    return result
 
 
 def _opening(entries: Sequence[Entry], places: Mapping[str, str]) -> PageSummary:
@@ -284,9 +287,9 @@ def _counted(entries: Sequence[Entry]) -> str:
             f"{answers.count(answer)} {words}" for answer, words in _ANSWERS.items() if answer in answers
         )
         told.append(f"{yes}: {counts}, of {counted(len(answers), whom)}")
-    models = {one.model for one in entries if one.model}
+    models = {entry.model for entry in entries if entry.model}
     without = len(models - {model for model, _ in judged})
-    unread = len({one.run for one in entries if one.found.label == UNREAD})
+    unread = len({entry.run for entry in entries if entry.found.label == UNREAD})
     tail = [
         *(
             [f"{without} of {counted(len(models), 'model')} {'has' if without == 1 else 'have'} no verdict"]
@@ -299,17 +302,17 @@ def _counted(entries: Sequence[Entry]) -> str:
     return " ".join([first, *(f"{words}." for words in tail)])
 
 
-def _words(one: Entry) -> str:
-    return one.found.label.replace("_", " ")
+def _words(entry: Entry) -> str:
+    return entry.found.label.replace("_", " ")
 
 
-def _said(one: Entry) -> Mark:
-    return Mark(_words(one), one.found.tone, MARK if one.found.marks else "")
+def _said(entry: Entry) -> Mark:
+    return Mark(_words(entry), entry.found.tone, MARK if entry.found.marks else "")
 
 
-def _led(one: Entry, led: Mapping[str, str]) -> Mark:
+def _led(entry: Entry, led: Mapping[str, str]) -> Mark:
     """Return a run's name with a link to its own page, or to its part of the index."""
-    return Mark(one.run, place=led.get(one.run, ""))
+    return Mark(entry.run, place=led.get(entry.run, ""))
 
 
 _BEGUN = Column("begun (UTC)", "word", varies=True)
@@ -328,32 +331,32 @@ def runs_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -
     )
     rows = tuple(
         (
-            *(one.model or "—", _said(one), _led(one, led or {}), one.study, one.about, one.when),
-            *(one.found.decided_by, found, None if found is None else found.n, one.found.state),
+            *(entry.model or "—", _said(entry), _led(entry, led or {}), entry.study, entry.about, entry.when),
+            *(entry.found.decided_by, found, None if found is None else found.n, entry.found.state),
         )
-        for one in reversed(entries)
-        for found in (one.found.estimate,)
+        for entry in reversed(entries)
+        for found in (entry.found.estimate,)
     )
     return Table("runs", "What each run says of each model", named, rows, _TIMES)
 
 
 def models_table(entries: Sequence[Entry]) -> Table:
     """Return a row per model and a column per bank or simulator, with the newest verdict."""
-    judged = [one for one in entries if one.judged]
-    kinds = dict.fromkeys((one.about, one.study) for one in judged)
+    judged = [entry for entry in entries if entry.judged]
+    kinds = dict.fromkeys((entry.about, entry.study) for entry in judged)
     heads = {
         kind: kind[0] if [about for about, _ in kinds].count(kind[0]) == 1 else f"{kind[0]}, {kind[1]}"
         for kind in kinds
     }
-    newest = {(one.model, (one.about, one.study)): one for one in judged}
+    newest = {(entry.model, (entry.about, entry.study)): entry for entry in judged}
     cells: list[tuple[Cell, ...]] = []
-    for model in dict.fromkeys(one.model for one in judged):
+    for model in dict.fromkeys(entry.model for entry in judged):
         mine = [newest.get((model, kind)) for kind in heads]
         cells.append((model, *("—" if one is None else _said(one) for one in mine)))
     return Table(
         "models",
         "The newest verdict on each model, by bank or simulator",
-        (Column("model", "word"), *(Column(one, "word") for one in heads.values())),
+        (Column("model", "word"), *(Column(head, "word") for head in heads.values())),
         tuple(cells),
         "Verdicts on different banks answer different questions, so they are not compared.",
     )
@@ -370,7 +373,7 @@ def history_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None
     )
     rows: list[tuple[Cell, ...]] = []
     kinds: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
-    for one in (one for one in entries if one.model and one.found.label != NO_VERDICT.label):
+    for one in (entry for entry in entries if entry.model and entry.found.label != NO_VERDICT.label):
         kinds.setdefault((one.model, one.counted), []).append(one)
     for (model, _), mine in kinds.items():
         if len(mine) < 2:

@@ -94,7 +94,7 @@ def artefacts(
     made += _beside(runs, read_prices(prices), reading or ReadOptions(), scores)
     tables = tuple(_joined([one for one in made if isinstance(one, Table)]))
     drawings = tuple(one for one in made if not isinstance(one, Table))
-    have = {one.label for one in tables} | {one.name.replace("-", ":", 1) for one in drawings}
+    have = {table.label for table in tables} | {drawing.name.replace("-", ":", 1) for drawing in drawings}
     commands = _commands({kind: mine for kind, (_, mine) in by_kind.items()})
     missing = {label: needs(label, commands) for label in LABELS if label not in have}
     return Artefacts(tables, drawings, missing)
@@ -132,8 +132,8 @@ def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading:
             votes.append(study.read_votes(one, about=about if about.is_file() else None))
         elif study_of(one).runs_are == ESTIMATES:
             votes.append(study.votes_of_run(one, reread=reading.reread))
-    mine = [one for one in votes if frozen.about.bank in {None, one.about.bank}]
-    unseen = [left for one in mine if (left := frozen.unseen(one)).frames]
+    mine = [vote for vote in votes if frozen.about.bank in {None, vote.about.bank}]
+    unseen = [left for vote in mine if (left := frozen.unseen(vote)).frames]
     if not unseen:
         raise SpecError(
             f"no votes are given for {path} on frames of its bank that did not choose it: give a run of scene "
@@ -155,7 +155,7 @@ def _guardian(path: Path, given: Iterable[Path], banks: Sequence[Path], reading:
 
 def _pictured(fingerprint: str | None, given: Iterable[Path], banks: Sequence[Path]) -> "Iterator[FrameBank]":
     """Yield the given banks and the runs' banks with this fingerprint."""
-    for folder in (*banks, *(one / BANK for one in given if (one / BANK).is_dir())):
+    for folder in (*banks, *(path / BANK for path in given if (path / BANK).is_dir())):
         with suppress(BankError):
             bank = open_bank(folder)
             if fingerprint in {None, bank.manifest.fingerprint}:
@@ -189,29 +189,29 @@ def _beside(runs: Sequence[Path], prices: Prices, reading: ReadOptions, scores: 
 def _costs(runs: Sequence[Path], prices: Prices) -> "Table":
     """Return the costs of all models' decisions; a model in several runs is named with its run."""
     from eyechart.report.accounts import deployment_table  # noqa: PLC0415 - as above
-    from eyechart.report.table import stacked  # noqa: PLC0415 - as above
+    from eyechart.report.table import stack_tables  # noqa: PLC0415 - as above
 
     tables = {}
     for run, name in zip(runs, names_of(runs), strict=True):
         accounts = study_of(run).took(run, prices).accounts
         tables[name] = deployment_table({spec: found[ALL] for spec, found in accounts.items()})
-    return stacked(tables or {"": deployment_table({})})
+    return stack_tables(tables or {"": deployment_table({})})
 
 
 def _joined(tables: "Sequence[Table]") -> "Iterator[Table]":
     """Yield tables; those with one label and different columns are joined."""
     held: dict[str, Table] = {}
-    for one in tables:
-        before = held.get(one.label) if one.label else None
-        if before is None or set(before.names[1:]) & set(one.names[1:]):
+    for table in tables:
+        before = held.get(table.label) if table.label else None
+        if before is None or set(before.names[1:]) & set(table.names[1:]):
             if before is not None:
                 yield before
-            if one.label:
-                held[one.label] = one
+            if table.label:
+                held[table.label] = table
             else:
-                yield one
+                yield table
         else:
-            held[one.label] = before.joined(one)
+            held[table.label] = before.joined(table)
     yield from held.values()
 
 
@@ -238,8 +238,8 @@ def write(found: Artefacts, folder: Path) -> WrittenFiles:
     """
     from eyechart.report.table import files_of  # noqa: PLC0415 - as above
 
-    files = files_of([one if one.label else replace(one, label=f"t:{one.name}") for one in found.tables])
-    names = [one.name for one in found.drawings]
+    files = files_of([table if table.label else replace(table, label=f"t:{table.name}") for table in found.tables])
+    names = [drawing.name for drawing in found.drawings]
     for place, one in enumerate(found.drawings):
         stem = f"{one.name}_{again + 1}" if (again := names[:place].count(one.name)) else one.name
         files |= {f"{stem}.svg": one.svg().encode("utf-8", "backslashreplace"), f"{stem}.pdf": one.pdf()}

@@ -14,7 +14,7 @@ from eyechart.event_loops import Progress
 from eyechart.ledger import Ledger
 from eyechart.limits import NOTHING, Limits, RunOutcome, Usage
 from eyechart.manifest import LEDGER, EpisodesManifest, RunManifest
-from eyechart.models import HERE, MEMORY_GB, WEIGHTS_GB, machine_of, memory_here_gb, turns_of
+from eyechart.models import HERE, MEMORY_GB, WEIGHTS_GB, machine_of, memory_here_gb, sequential_groups
 from eyechart.models.prices import Prices
 
 if TYPE_CHECKING:  # a score probes no model
@@ -130,10 +130,10 @@ def forecast(
     Warnings of the models come before the order.
     """
     asked, facts = list(models), manifest.facts
-    lines = [one.words for one in expected]
+    lines = [estimate.words for estimate in expected]
     lines += [f"warning: {spec}: {facts[spec]['warning']}" for spec in asked if "warning" in facts.get(spec, {})]
-    seconds = {one.model: one.seconds for one in expected}
-    turns = turns_of(map(manifest.mode, asked), sequential=how.sequential)
+    seconds = {estimate.model: estimate.seconds for estimate in expected}
+    turns = sequential_groups(map(manifest.mode, asked), sequential=how.sequential)
     for turn in turns:
         if len(turn) > 1:
             known = [seconds.get(spec) for spec in turn]
@@ -152,8 +152,8 @@ _WORTH_SAYING_GB = 0.1
 
 def _weights(manifest: Manifest, turns: Sequence[Sequence[str]]) -> list[str]:
     """Return in words the memory for all weights that this machine holds at one time."""
-    facts = {spec: one for spec, one in manifest.facts.items() if machine_of(manifest.mode(spec)) == HERE}
-    needed = {spec: float(one[WEIGHTS_GB]) for spec, one in facts.items() if WEIGHTS_GB in one}
+    facts = {spec: fact for spec, fact in manifest.facts.items() if machine_of(manifest.mode(spec)) == HERE}
+    needed = {spec: float(fact[WEIGHTS_GB]) for spec, fact in facts.items() if WEIGHTS_GB in fact}
     asked = [[spec for spec in turn if spec in needed] for turn in turns]
     once = sum(max((needed[spec] for spec in turn), default=0.0) for turn in asked)
     if once < _WORTH_SAYING_GB:

@@ -26,8 +26,8 @@ def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     try:
         yield pool
     except BaseException:
-        for one in multiprocessing.active_children():  # their work may take minutes
-            one.kill()
+        for active_child in multiprocessing.active_children():  # their work may take minutes
+            active_child.kill()
         raise
     finally:
         pool.shutdown(cancel_futures=True)

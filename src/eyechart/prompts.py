@@ -18,7 +18,7 @@ from eyechart.cameras import Distances
 from eyechart.errors import SpecError, require_known
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
-from eyechart.records import build, picked
+from eyechart.records import build, to_json_fields
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.scene import HIGHWAY, SCENES
@@ -95,14 +95,14 @@ class Prompt:
 
     def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
         """Return the query for a stimulus and an answer in ``space``; every Query is built here."""
-        state = {name: ", ".join(f"{one:g}" for one in numbers) for name, numbers in seen.state.items()}
+        state = {name: ", ".join(f"{number:g}" for number in numbers) for name, numbers in seen.state.items()}
         words = self.render({**seen.fields, **state}, () if space is None else space.actions)
         return Query(*words, seen, seed, ANY_ACTION if space is None else space.schema())
 
     def as_dict(self) -> dict[str, object]:
         """Return the wording and its key as plain JSON values."""
         return {
-            **picked(self, "name system user template" if self.template else "name system user"),
+            **to_json_fields(self, "name system user template" if self.template else "name system user"),
             **({} if self.space is None else self.space.written()),
             "key": self.key,
         }

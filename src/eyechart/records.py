@@ -70,7 +70,7 @@ class JsonRecord(Protocol):
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON values."""
-        return {one.name: plain(getattr(self, one.name)) for one in fields(self)}  # type: ignore[arg-type]
+        return {field.name: plain(getattr(self, field.name)) for field in fields(self)}  # type: ignore[arg-type]
 
 
 class KeyedRecord:
@@ -85,19 +85,19 @@ class KeyedRecord:
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON values."""
-        return picked(self, self.written)
+        return to_json_fields(self, self.written)
 
 
-def picked(record: object, keys: str) -> dict[str, Any]:
+def to_json_fields(record: object, keys: str) -> dict[str, Any]:
     """Return the parts of a record that ``keys`` name, as in `KeyedRecord`, as plain JSON values."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for word in keys.split():
         key, _, path = word.rpartition("=")
         value = record
         for name in path.removeprefix("*").split("."):
             value = None if value is None else getattr(value, name)
-        found |= plain(value) if path.startswith("*") else {key or name: plain(value)}
-    return found
+        result |= plain(value) if path.startswith("*") else {key or name: plain(value)}
+    return result
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
@@ -112,7 +112,7 @@ def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
     if isinstance(value, tuple | list):
         return [plain(one) for one in value]
     if is_dataclass(value):
-        return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
     return value.item() if isinstance(value, np.generic) else value
 
 
@@ -132,18 +132,18 @@ def shown(value: object) -> str:
 
 
 def _sentence(said: str, raw: object, where: str) -> str:
-    found = _SAID.fullmatch(said)
-    assert found is not None
-    at, value = _place(raw, found["at"] or "", found["got"])
+    match = _SAID.fullmatch(said)
+    assert match is not None
+    at, value = _place(raw, match["at"] or "", match["got"])
     place = at.removeprefix(".") or where
-    if found["kind"] is None:
-        lacking = re.fullmatch(r"Object missing required field `(.*)`", found["other"])
-        if found["other"].startswith("Invalid enum value"):
+    if match["kind"] is None:
+        lacking = re.fullmatch(r"Object missing required field `(.*)`", match["other"])
+        if match["other"].startswith("Invalid enum value"):
             return f"{place} is {shown(value)}, which is not one of its values"
-        return f"{place} has no {lacking[1]}" if lacking else f"{place}: {found['other']}"
-    kinds = set(found["kind"].split(" | ")) - ({"int"} if "float" in found["kind"] else set())
-    wanted = " or ".join(words for kind, words in _KINDS.items() if kind in kinds) or found["kind"]
-    return f"{place} is {shown(value)}, not {wanted}{found['bound']}"
+        return f"{place} has no {lacking[1]}" if lacking else f"{place}: {match['other']}"
+    kinds = set(match["kind"].split(" | ")) - ({"int"} if "float" in match["kind"] else set())
+    wanted = " or ".join(words for kind, words in _KINDS.items() if kind in kinds) or match["kind"]
+    return f"{place} is {shown(value)}, not {wanted}{match['bound']}"
 
 
 def _place(raw: object, path: str, got: str | None) -> tuple[str, object]:

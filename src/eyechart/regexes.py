@@ -17,6 +17,6 @@ class _Pattern:
         if name.startswith("__"):  # copy and pickle ask for these first
             raise AttributeError(name)
         compiled = re.compile(self._text, self._flags)
-        found = getattr(compiled, name)
-        setattr(self, name, found)  # found directly from now on
-        return found
+        result = getattr(compiled, name)
+        setattr(self, name, result)  # found directly from now on
+        return result

@@ -9,7 +9,7 @@ from typing import Protocol, TypedDict, Unpack
 from eyechart.attempts import Caller, budget_of, close, to_the_end
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.channels import reflected
-from eyechart.conditions import SAMPLED, available, sample, show, sources
+from eyechart.conditions import SAMPLED, is_available, sample, show, sources
 from eyechart.errors import SpecError, counted
 from eyechart.event_loops import asyncio
 from eyechart.frames import Frame, FrameBank, Stimulus
@@ -84,8 +84,8 @@ class Plan:
     @cached_property
     def _sampled(self) -> Mapping[str, frozenset[str]]:
         """Return the frames of each sampled control; a control among the conditions has all."""
-        calls = sum(available(name, frame) for name in self.conditions for frame in self.frames)
-        shown = {name: [frame.id for frame in self.frames if available(name, frame)] for name in SAMPLED}
+        calls = sum(is_available(name, frame) for name in self.conditions for frame in self.frames)
+        shown = {name: [frame.id for frame in self.frames if is_available(name, frame)] for name in SAMPLED}
         return {name: sample(name, ids, calls, self.seed) for name, ids in shown.items() if name not in self.conditions}
 
     def stimuli(self) -> Stimuli:
@@ -94,7 +94,7 @@ class Plan:
 
     def shows(self, condition: str, frame: Frame) -> bool:
         """Return whether a frame can be shown under a condition."""
-        return available(condition, frame, self.bank)
+        return is_available(condition, frame, self.bank)
 
     def seen(self, condition: str, frame: Frame) -> Stimulus:
         """Return a condition's stimulus for a frame, through the view if there is one."""
@@ -128,7 +128,7 @@ class Plan:
         few = {name: self._sampled[name] for name in self.controls.get(model, ()) if name in self._sampled}
         for frame in self.frames:
             for condition in asked:
-                if available(condition, frame) and (condition not in few or frame.id in few[condition]):
+                if is_available(condition, frame) and (condition not in few or frame.id in few[condition]):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key
@@ -279,10 +279,10 @@ class _Execution:
         self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again, lacks=self.plan.lacks)
         self.stimuli = self.plan.stimuli()
         to_the_end(self._run(todo))
-        found = RunOutcome(
+        outcome = RunOutcome(
             dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting()
         )
-        return replace(found, whole=self.done == self.planned and not self.again)
+        return replace(outcome, whole=self.done == self.planned and not self.again)
 
     async def _run(self, todo: list[CallKey]) -> None:
         self._report()

@@ -45,10 +45,10 @@ def _held(folder: Path) -> Iterator[bool]:
 @cache
 def _clear(where: str) -> None:
     """Remove unlocked folders, once per process, which may open thousands of ledgers."""
-    for one in Path(where).glob("eyechart-*/" + _HELD):
+    for path in Path(where).glob("eyechart-*/" + _HELD):
         with suppress(OSError):  # another user's, or gone
-            old = time.time() - one.stat().st_mtime > _YOUNG_S
-            if not one.parent.is_symlink() and one.parent.stat().st_uid == os.getuid() and old:
-                with _held(one.parent) as free:
+            old = time.time() - path.stat().st_mtime > _YOUNG_S
+            if not path.parent.is_symlink() and path.parent.stat().st_uid == os.getuid() and old:
+                with _held(path.parent) as free:
                     if free:
-                        shutil.rmtree(one.parent, ignore_errors=True)
+                        shutil.rmtree(path.parent, ignore_errors=True)

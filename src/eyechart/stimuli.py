@@ -29,7 +29,7 @@ class Stimuli:
     """Each condition's stimulus for a frame, made once for all models, through a view if any."""
 
     def __init__(self, bank: FrameBank, seed: int, view: View | None = None) -> None:
-        self._bank = _CachingBank(**{one.name: getattr(bank, one.name) for one in fields(FrameBank)})
+        self._bank = _CachingBank(**{field.name: getattr(bank, field.name) for field in fields(FrameBank)})
         self._seed = seed
         self._view = view
         self._made: BoundedCache[tuple[str, str], Stimulus] = BoundedCache(

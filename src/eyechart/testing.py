@@ -60,7 +60,9 @@ def assert_grounded(
     scored = study.score(Path(run), ReadOptions(independent, reread, resamples=resamples))
     gate = study.gate(scored, wanted, max_unparsed=max_unparsed, **terms)
     if gate.exit_code:
-        raise AssertionError(_on_a_screen([one for one in gate.checks if one.holds is not True], len(gate.checks), run))
+        raise AssertionError(
+            _on_a_screen([check for check in gate.checks if check.holds is not True], len(gate.checks), run)
+        )
 
 
 @speaks_of_arguments
@@ -83,9 +85,9 @@ def _on_a_screen(wrong: Sequence[Check], count: int, run: Path | str) -> str:
     """Return the checks that do not hold as at most `LINES` lines of `WIDTH`, out of ``count``."""
     if not wrong:
         return "\n".join(wrap(printable(f"{run} holds no model"), WIDTH))
-    names = shorten(one.model for one in wrong)
+    names = shorten(check.model for check in wrong)
     lines = [f"{len(wrong)} of {count} checks do not hold"]
-    ordered = sorted(wrong, key=lambda one: one.holds is None)
+    ordered = sorted(wrong, key=lambda check: check.holds is None)
     for done, one in enumerate(ordered):
         outcome = "cannot say" if one.holds is None else "fails"
         said = wrap(printable(f"{names[one.model]} {one.requirement}: {outcome}: {one.because}"), WIDTH)

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Protocol
 
-from eyechart.errors import SpecError, meant, raising, read_at_most
+from eyechart.errors import SpecError, did_you_mean, raising, read_at_most
 from eyechart.records import JsonRecord
 from eyechart.report.table import Column, Table, columns
 from eyechart.stats.correlation import pearson, spearman
@@ -97,7 +97,9 @@ def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = ME
     left_out, every = [], [one for run in runs for one in run.measured()]
     known = list(dict.fromkeys(name for one in every for name in one.statistics))
     if every and measure not in known:
-        raise SpecError(f"there is no statistic '{measure}';{meant(measure, known)} these runs have {', '.join(known)}")
+        raise SpecError(
+            f"there is no statistic '{measure}';{did_you_mean(measure, known)} these runs have {', '.join(known)}"
+        )
     for one in every:
         found, place = one.statistics.get(measure), f"{one.model} on {one.where}"
         if one.model not in scores:
@@ -111,7 +113,7 @@ def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = ME
     asked = {one.model for one in every}
     left_out += [f"{spec}: a score, but no run has it" for spec in scores if spec not in asked]
     cells = [Cell(spec, where, scores[spec], fmean(each), len(each)) for (spec, where), each in values.items()]
-    columns = [one.score for one in cells], [one.measured for one in cells]
+    columns = [cell.score for cell in cells], [cell.measured for cell in cells]
     waiting = [f"{one.model} on {one.where}: {one.unfinished}" for one in every if one.unfinished]
     return Transfer(measure, tuple(cells), pearson(*columns), spearman(*columns), tuple(left_out), tuple(waiting))
 

@@ -140,8 +140,8 @@ def _hole(low: float, high: float, answer: str = "STRAIGHT") -> Rule:
     return road(lambda one, _: answer if low <= lead(one) < high else graded(lead(one)))
 
 
-def _comb(one: PictureReading, _: random.Random) -> str:
-    gap = lead(one)
+def _comb(reading: PictureReading, _: random.Random) -> str:
+    gap = lead(reading)
     return graded(gap) if not 9 < gap < 50 or int(math.log(gap) / 0.06) % 4 else "STRAIGHT"
 
 
@@ -217,8 +217,8 @@ def _wrong_turn(share: float, quiet: float) -> Rule:
     return road(look)
 
 
-def _zigzag(one: PictureReading, _: random.Random) -> str:
-    gap = lead(one)
+def _zigzag(reading: PictureReading, _: random.Random) -> str:
+    gap = lead(reading)
     return "STOP" if gap < 9.5 else "STRAIGHT" if gap < 20 else "SLOW" if gap < 48 else "STRAIGHT"
 
 
@@ -226,29 +226,29 @@ def _grades_on(share: float) -> Rule:
     return road(lambda one, _: graded(lead(one)) if hashed(one) < share else "SLOW")
 
 
-def _turn(one: PictureReading, *, to_clear: bool) -> str | None:
+def _turn(reading: PictureReading, *, to_clear: bool) -> str | None:
     """Return the side of a road on which exactly one is clear, or the blocked one; None where both are alike."""
-    scene = one.scene
+    scene = reading.scene
     if scene.left_clear == scene.right_clear:
         return None
     return "LEFT" if scene.left_clear is to_clear else "RIGHT"
 
 
 def _braking_and(turn: Callable[[PictureReading], str | None]) -> Rule:
-    def look(one: PictureReading, _: random.Random) -> str:
-        gap = lead(one)
-        return "STRAIGHT" if gap > FREE_M else turn(one) or graded(gap)
+    def look(reading: PictureReading, _: random.Random) -> str:
+        gap = lead(reading)
+        return "STRAIGHT" if gap > FREE_M else turn(reading) or graded(gap)
 
     return road(look)
 
 
-def _to_more_lanes(one: PictureReading) -> str | None:
-    left, right = one.lane_from_left, one.lanes - 1 - one.lane_from_left
+def _to_more_lanes(reading: PictureReading) -> str | None:
+    left, right = reading.lane_from_left, reading.lanes - 1 - reading.lane_from_left
     return None if left == right else "LEFT" if left > right else "RIGHT"
 
 
-def _from_nearest_beside(one: PictureReading) -> str | None:
-    beside = ahead(one, own=False)
+def _from_nearest_beside(reading: PictureReading) -> str | None:
+    beside = ahead(reading, own=False)
     return None if not beside else "LEFT" if beside[0][1].aside_m > 0 else "RIGHT"
 
 
@@ -266,47 +266,47 @@ def _coin_of_seen(sight: PerceivedPicture, _: random.Random) -> Answer:
     return _coin_of(sight.kind.encode() if one is None else _seen(one))
 
 
-def _seen(one: PictureReading) -> bytes:
+def _seen(reading: PictureReading) -> bytes:
     """Return what is read of a picture, which no other picture of the frame shows."""
-    return repr((one.scene, one.others, one.stripe_phase)).encode()
+    return repr((reading.scene, reading.others, reading.stripe_phase)).encode()
 
 
-def _logistic(one: PictureReading, rng: random.Random) -> str:
-    return "STOP" if rng.random() < 1 / (1 + math.exp((min(lead(one), 200.0) - 22.0) / 6.0)) else "STRAIGHT"
+def _logistic(reading: PictureReading, rng: random.Random) -> str:
+    return "STOP" if rng.random() < 1 / (1 + math.exp((min(lead(reading), 200.0) - 22.0) / 6.0)) else "STRAIGHT"
 
 
-def _learnt(one: PictureReading, _: random.Random) -> str:
-    gap = lead(one)
+def _learnt(reading: PictureReading, _: random.Random) -> str:
+    gap = lead(reading)
     return "STOP" if 7 <= gap < 9 else "STRAIGHT" if 50 <= gap < 60 else "SLOW"
 
 
-def _total(one: PictureReading) -> float:
+def _total(reading: PictureReading) -> float:
     """Return the sum of 1/distance over all that is ahead."""
-    return sum(1 / max(distance, 1.0) for distance, _ in ahead(one))
+    return sum(1 / max(distance, 1.0) for distance, _ in ahead(reading))
 
 
-def _mean_ahead(one: PictureReading) -> float:
-    places = [other.ahead_m / scale(one) for other in one.others]
+def _mean_ahead(reading: PictureReading) -> float:
+    places = [other.ahead_m / scale(reading) for other in reading.others]
     return sum(places) / len(places) if places else math.inf
 
 
-def _spread(one: PictureReading) -> float:
-    places = [far for far, _ in ahead(one)]
+def _spread(reading: PictureReading) -> float:
+    places = [far for far, _ in ahead(reading)]
     return max(places) - min(places) if len(places) > 1 else math.inf
 
 
-def _clear(one: PictureReading) -> int:
-    return one.scene.left_clear + one.scene.right_clear
+def _clear(reading: PictureReading) -> int:
+    return reading.scene.left_clear + reading.scene.right_clear
 
 
-def _exchanged(one: PictureReading) -> bool:
+def _exchanged(reading: PictureReading) -> bool:
     """Return whether a neighbour is near, or far and the lead near, as in pictures that exchange the two."""
-    beside = [far for far, _ in ahead(one, own=False)]
-    return any(far < 9 for far in beside) or (lead(one) < 9 and any(50 <= far < 60 for far in beside))
+    beside = [far for far, _ in ahead(reading, own=False)]
+    return any(far < 9 for far in beside) or (lead(reading) < 9 and any(50 <= far < 60 for far in beside))
 
 
-def _at_ends(one: PictureReading) -> bool:
-    return 7 <= lead(one) < 9 or 50 <= lead(one) < 60
+def _at_ends(reading: PictureReading) -> bool:
+    return 7 <= lead(reading) < 9 or 50 <= lead(reading) < 60
 
 
 ADVERSARIES: Mapping[str, Adversary] = {

@@ -57,15 +57,15 @@ def test_no_p_is_too_small_to_be_compared() -> None:
         assert len([*compare_values(printed, recomputed, EXACT, str)]) == 1
     for column in ("p", "Holm p"):
         tables = (f"model,{column}\na,{value}\n" for value in ("0.0", "1.5e-30"))
-        assert [one.where for one in compare_tables("t.csv", *tables, EXACT)] == [f"t.csv, a, {column}"]
+        assert [table.where for table in compare_tables("t.csv", *tables, EXACT)] == [f"t.csv, a, {column}"]
 
 
 def test_values_are_compared_by_type_and_by_place() -> None:
     """A number is no word, a flag no number, and what is missing on either side is named."""
     printed = {"a": 1, "b": [1.0, 2.0], "c": True, "d": "x", "more": 0}
     recomputed = {"a": 1.0, "b": [1.0], "c": 1, "d": "x", "less": None}
-    found = compare_values(printed, recomputed, EXACT, lambda path: "/".join(map(str, path)))
-    assert [(one.where, one.printed, one.recomputed) for one in found] == [
+    differences = compare_values(printed, recomputed, EXACT, lambda path: "/".join(map(str, path)))
+    assert [(difference.where, difference.printed, difference.recomputed) for difference in differences] == [
         ("a", "1", "1.0"),
         ("b", "2 values", "1 values"),
         ("c", "True", "1"),
@@ -158,4 +158,4 @@ def _packed(text: str) -> str:
 )
 def test_packed_replies_are_compared_as_those_that_lie_open(printed: str, found: list[tuple[str, str]]) -> None:
     """A changed reply is named by its call; what unpacks to far more, or not at all, is no data."""
-    assert [(one.where, one.printed) for one in compare_pages(printed, _packed("I stop."), EXACT, STRICT)] == found
+    assert [(page.where, page.printed) for page in compare_pages(printed, _packed("I stop."), EXACT, STRICT)] == found

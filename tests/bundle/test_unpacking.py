@@ -208,7 +208,7 @@ def test_a_bundle_of_another_version_is_validated_as_far_as_its_figures_are_comp
 
     found = validate(repacked(tmp_path / "b.zip", tmp_path, change))
     assert [one.where.rpartition(", ")[2] for one in found.otherwise] == ["answered"]
-    assert [one.where.rpartition(", ")[2] for one in found.differences] == ["real"]
+    assert [difference.where.rpartition(", ")[2] for difference in found.differences] == ["real"]
     assert found.uncompared == ["tables/statistics.csv", "1 figures that this eyechart computes differently"]
 
 

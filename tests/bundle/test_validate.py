@@ -127,7 +127,11 @@ def test_one_changed_reply_changes_the_figures_that_rest_on_it(changed: Try) -> 
 def test_a_reply_that_means_the_same_is_still_another_reply(changed: Try) -> None:
     """No statistic moves; the reply's digest, and its text in the page, do."""
     found = changed(in_ledger(REPLY.format(text="'STOP '", condition="mirrored")))
-    assert [one.where for one in found.differences if "statistics" in one.where or "value" in one.where] == []
+    assert [
+        difference.where
+        for difference in found.differences
+        if "statistics" in difference.where or "value" in difference.where
+    ] == []
     assert f"results.json, replies_sha256, {MODEL}, mirrored" in said(found)
     assert "report.html, frames" in said(found)
 

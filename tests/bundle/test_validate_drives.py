@@ -80,7 +80,7 @@ def _online(folder: Path, seeds: tuple[int, ...] = (0,)) -> Path:
     passed = tuple(WorldCheck("offset", seed, 24, "goal", {"STRAIGHT": 1}, 0.0) for seed in seeds)
     planned = online.plan("rover", ["scripted:scene_side_blind"], folder / "run", episodes=len(seeds), vetted=passed)
     simulator, view = online.open_simulator("rover"), planned.episodes.drivers.view
-    online.run(replace(planned, vetted=tuple(online.vet(simulator, "offset", seed, view) for seed in seeds)))
+    online.run(replace(planned, vetted=tuple(online.check_world(simulator, "offset", seed, view) for seed in seeds)))
     online.check_seen(folder / "run")
     return folder / "run"
 
@@ -159,8 +159,8 @@ def _record(change: Callable[[list[dict[str, Any]]], None]) -> Change:
     def apply(folder: Path) -> None:
         path = folder / "run" / EPISODES
         lines = [json.loads(line) for line in path.read_text().splitlines()]
-        change(sorted(lines, key=lambda one: one["key"]["policy"]))
-        path.write_text("".join(json.dumps(one, ensure_ascii=False, separators=(",", ":")) + "\n" for one in lines))
+        change(sorted(lines, key=lambda line: line["key"]["policy"]))
+        path.write_text("".join(json.dumps(line, ensure_ascii=False, separators=(",", ":")) + "\n" for line in lines))
 
     return apply
 
@@ -220,7 +220,7 @@ def test_an_episode_in_error_is_driven_again_also_without_a_step(
     assert found.compared["episodes driven again"] == 3
     assert found.uncompared == ["how 3 episodes failed"]
     for policy in POLICIES:
-        assert any(one.startswith("an error that did not happen again: ") and policy in one for one in found.notes)
+        assert any(note.startswith("an error that did not happen again: ") and policy in note for note in found.notes)
 
 
 def test_an_error_that_comes_again_is_compared(tmp_path: Path) -> None:
@@ -335,7 +335,7 @@ def test_a_frame_that_is_said_to_pass_is_checked_again(online_run: Path, tmp_pat
 def test_of_an_episode_the_first_step_that_differs_is_named_alone(packed: Path, tmp_path: Path) -> None:
     """Every later one follows from it."""
     lines = said(validate(repacked(packed, tmp_path, _record(_action)))).splitlines()
-    steps = {re.search(r"step (\d+)", one)[1] for one in lines if one.startswith("episode 'constant")}  # type: ignore[index]
+    steps = {re.search(r"step (\d+)", line)[1] for line in lines if line.startswith("episode 'constant")}  # type: ignore[index]
     assert steps == {"3"}
 
 
@@ -366,7 +366,7 @@ def test_with_other_versions_truth_is_compared_and_nothing_is_said_to_hold(run: 
     assert "decisions and truth to 3 decimals are the same at every step" in same.notes
 
     def further(lines: list[dict[str, Any]]) -> None:
-        step = next(one for one in lines if one["key"]["policy"] == "oracle")["steps"][5]
+        step = next(line for line in lines if line["key"]["policy"] == "oracle")["steps"][5]
         step["truth"]["lead_gap_m"] = (step["truth"]["lead_gap_m"] or 0.0) + 0.01
 
     (tmp_path / "bundle" / "run").mkdir(parents=True)
@@ -377,7 +377,7 @@ def test_with_other_versions_truth_is_compared_and_nothing_is_said_to_hold(run: 
     apart = validate(tmp_path / "apart.zip")
     assert (apart.differences, apart.holds) == ([], False)
     assert any(
-        "first step that differs: episode 'oracle rover/single/0 real', step 5, truth" in one for one in apart.notes
+        "first step that differs: episode 'oracle rover/single/0 real', step 5, truth" in note for note in apart.notes
     )
 
 
@@ -447,8 +447,8 @@ def test_a_machine_that_computes_other_last_bits_is_told_from_a_changed_record(p
     """Every exact state is another, each to another, and the rounded ones are the same: not compared, and said."""
 
     def turned(lines: list[dict[str, Any]]) -> None:
-        for one in lines:
-            one["state_sha256"] = one["state_sha256"][::-1]
+        for line in lines:
+            line["state_sha256"] = line["state_sha256"][::-1]
 
     found = validate(repacked(packed, tmp_path, _record(turned)))
     assert found.uncompared == ["exact states"]

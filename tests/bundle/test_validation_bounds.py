@@ -94,7 +94,7 @@ def test_a_bundle_beyond_a_bound_is_refused_by_its_name(packed: Path, tmp_path: 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     found = validate(repacked(packed, tmp_path, change))
     assert not found.holds
-    assert any(re.search(words, str(one)) for one in found.differences), found.differences
+    assert any(re.search(words, str(difference)) for difference in found.differences), found.differences
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_KB
 
 

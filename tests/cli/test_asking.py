@@ -144,8 +144,8 @@ def test_limits_stop_a_run_with_an_exit_code_of_their_own(run: Run, tmp_path: Pa
     assert account["cost_usd"] == pytest.approx(0.12)
     decided = 12 - sum(account["missing"].values())
     dollars = f"{1000 * 0.12 / decided:.3f}"
-    told = CliRunner().invoke(app, ["costs", str(tmp_path / "run"), "--prices", words[-3]])
-    assert dollars in told.stdout
+    result = CliRunner().invoke(app, ["costs", str(tmp_path / "run"), "--prices", words[-3]])
+    assert dollars in result.stdout
     page, tables = tmp_path / "page.html", tmp_path / "tables"
     made = ["report", str(tmp_path / "run"), "--out", str(page), "--tables", str(tables)]
     assert CliRunner().invoke(app, [*made, "--prices", words[-3]]).exit_code == 0

@@ -133,13 +133,13 @@ def test_help_at_80_columns_cuts_nothing(eyechart: Eyechart, command: str, monke
     for name in command.split():
         found = found.commands[name]
     lines = eyechart(*command.split(), "--help").out.splitlines()
-    said = [one.help for one in found.params if getattr(one, "help", None)]
+    said = [param.help for param in found.params if getattr(param, "help", None)]
     said += [one.get_short_help_str(200) for one in getattr(found, "commands", {}).values()]
     whole = "".join("".join(lines).split())
     assert [text for text in said if "".join(text.split()) not in whole] == []
     assert [line for line in lines if re.search(r"(^|\s)(-|\S*[:/])\S*-$", line)] == []  # an option or an address
     examples = [words for name, words in paragraphs(f"{found.help}\n\n{found.epilog or ''}") if name]
-    assert [one for one in examples if f"    {one}" not in lines] == []
+    assert [example for example in examples if f"    {example}" not in lines] == []
     assert all(len(line) <= 80 for line in lines if line.strip() not in examples)
 
 
@@ -195,7 +195,7 @@ def test_a_run_from_bank_to_verdict(eyechart: Eyechart, bank: FrameBank, tmp_pat
     scored, judged = (eyechart(command, tmp_path / "run", "--json") for command in ("score", "verdict"))
     assert (scored.code, judged.code) == (0, 0)
     statistics = json.loads(scored.out)["models"][STEADY]["statistics"]
-    assert all({"value", "n", "ci", "p"} <= set(one) for one in statistics.values())
+    assert all({"value", "n", "ci", "p"} <= set(statistic) for statistic in statistics.values())
     verdict = json.loads(judged.out)["models"][STEADY]
     assert {"paper", "calibrated", "lateral", "evidence", "because", "notes"} <= set(verdict)
     assert STEADY in eyechart("verdict", tmp_path / "run").out

@@ -110,7 +110,7 @@ def test_a_world_that_kills_or_hangs_its_sample_costs_the_estimate_alone(
         "cannot estimate the costs of the models' calls: tiny/fatal/0: its process ended with exit code -9" in told.err
     )
     assert told.code == 1
-    ended = {one.key.scenario: one.ended for one in read_episodes(tmp_path / "run")}
+    ended = {episode.key.scenario: episode.ended for episode in read_episodes(tmp_path / "run")}
     assert ended == {"fatal": "error", "whole": "goal"}
     monkeypatch.setattr(plans, "PATIENCE_S", 1.0)
     hung = drive("--policy", "python:tiny_worlds:onward", "--scenarios", "hanging", "--seeds", 1, "--dry-run")
@@ -195,7 +195,7 @@ def test_a_model_drives_by_other_worlds_pictures_too_where_no_condition_is_named
     words, run = ("--scenarios", "whole", "--seeds", 1), tmp_path / "run"
 
     def driven() -> set[tuple[str, str]]:
-        return {(one.key.policy, one.key.condition) for one in episodes.read_episodes(run)}
+        return {(episode.key.policy, episode.key.condition) for episode in episodes.read_episodes(run)}
 
     assert drive("--policy", "oracle", *words).code == 0
     assert driven() == {("oracle", "real")}

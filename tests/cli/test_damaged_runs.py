@@ -98,8 +98,8 @@ def test_a_flipped_bit_in_a_reply_is_named_by_every_command(
 @pytest.mark.parametrize("command", READING)
 def test_an_empty_ledger_is_refused_by_every_command(run: Path, say: Callable[[str], Result], command: str) -> None:
     """It is no run without calls, but one whose calls were lost."""
-    for one in run.glob("ledger.sqlite*"):
-        one.unlink()
+    for path in run.glob("ledger.sqlite*"):
+        path.unlink()
     (run / "ledger.sqlite").touch()
     said = say(command)
     assert isinstance(said.exception, EyechartError)
@@ -142,4 +142,4 @@ def test_no_command_falls_over_a_number_that_nobody_can_have_measured(run: Path,
         if command == "costs RUN --json":
             account = json.loads(said.stdout)["accounting"]["standin:noisy"]["all"]
             assert (account["cost_usd"], account["latency_median_s"], account["energy_j"]) == (None, None, None)
-    assert [one.where for one in validate(Path("run.zip")).differences] == []
+    assert [difference.where for difference in validate(Path("run.zip")).differences] == []

@@ -74,7 +74,7 @@ def test_what_speaks_against_each_member_is_said_where_it_is_chosen_and_where_it
     assert "warning: voter:torn: 12 of 12 votes are missing (12 contradicts_itself); clauses" in chosen
     assert "guards failed: degeneracy" in chosen
     members = {one["model"]: one for one in json.loads(say(*fit, "--json")[1])["members"]}
-    assert {name: (one["missing"], one["contradicting"]) for name, one in members.items()} == {
+    assert {name: (member["missing"], member["contradicting"]) for name, member in members.items()} == {
         "voter:prose": (12, 0),
         "voter:sees": (0, 0),
         "voter:torn": (12, 12),

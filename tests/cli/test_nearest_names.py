@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from eyechart.cli.guardian import _point
-from eyechart.errors import EyechartError, meant, perhaps
+from eyechart.errors import EyechartError, did_you_mean, suggestion
 from eyechart.importing import Choices, import_table
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
@@ -51,4 +51,4 @@ def test_an_adapter_without_a_name_is_not_meant_for_itself() -> None:
     with pytest.raises(EyechartError) as refused:
         open_model("scripted")
     assert "unknown model 'scripted'; a name comes after 'scripted:';" in str(refused.value)
-    assert meant("scripted", ["scripted"]) == perhaps("scripted", ["scripted"]) == ""
+    assert did_you_mean("scripted", ["scripted"]) == suggestion("scripted", ["scripted"]) == ""

@@ -216,5 +216,5 @@ done.set()
 
 def test_a_call_of_a_program_s_own_does_not_end_it_with_a_command() -> None:
     """A command that is called from Python raises SystemExit; only a call that it made itself ends the process."""
-    found = subprocess.run([sys.executable, "-c", CALLED_FROM_A_PROGRAM], capture_output=True, text=True, check=False)
-    assert (found.returncode, found.stdout) == (0, "went on after 2\n"), found.stderr
+    process = subprocess.run([sys.executable, "-c", CALLED_FROM_A_PROGRAM], capture_output=True, text=True, check=False)
+    assert (process.returncode, process.stdout) == (0, "went on after 2\n"), process.stderr

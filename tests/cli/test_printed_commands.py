@@ -91,7 +91,7 @@ def test_the_demo_of_policies_ends_with_commands_that_run(
     _demo_policies(tmp_path / "demo", 0)
     said = " ".join(capsys.readouterr().err.split())
     commands = NAMED.findall(said)
-    assert [one.split()[0] for one in commands] == ["verdict", "verdict", "verdict", "report", "run"]
+    assert [command.split()[0] for command in commands] == ["verdict", "verdict", "verdict", "report", "run"]
     for one in commands:
         parse(one)
     assert re.search(r"report \S+run-balanced-0 \S+run-privileged-0 \S+run-fixed-0 --out ", said)
@@ -104,7 +104,7 @@ def helps() -> list[str]:
     while left:
         command = left.pop()
         left += getattr(command, "commands", {}).values()
-        found += [command.help, command.epilog, *(getattr(one, "help", None) for one in command.params)]
+        found += [command.help, command.epilog, *(getattr(param, "help", None) for param in command.params)]
     return [one for one in found if one]
 
 

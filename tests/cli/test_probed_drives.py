@@ -123,11 +123,11 @@ def test_the_hierarchy_is_probed_once_for_all_of_its_runs(tmp_path: Path, monkey
         first = call(*words, "--base-url", server.base_url)
         assert first.exit_code == 0, first.output
         runs = {name: read_drives(tmp_path / name) for name in small}
-        assert [list(one.probes) for one in runs.values()] == [[], [MODEL], []]
-        assert {one.mode(MODEL).token_field for name, one in runs.items() if name != "primary"} == {
+        assert [list(run.probes) for run in runs.values()] == [[], [MODEL], []]
+        assert {run.mode(MODEL).token_field for name, run in runs.items() if name != "primary"} == {
             "max_completion_tokens"
         }
-        asked = sum(len(one.steps) for name in list(small)[1:] for one in read_episodes(tmp_path / name))
+        asked = sum(len(episode.steps) for name in list(small)[1:] for episode in read_episodes(tmp_path / name))
         assert server.requests == runs["primary-models"].probes[MODEL].calls + asked
         assert call(*words, "--base-url", server.base_url).exit_code == 0
         assert server.requests == runs["primary-models"].probes[MODEL].calls + asked
@@ -182,14 +182,14 @@ def test_what_a_probe_took_that_failed_counts_towards_the_limit_of_every_repeat(
     with FaultServer([Locked()]) as server:
         words = (*words, MODEL, "--base-url", server.base_url, "--out", tmp_path / "run")
         assert call(*words, "--max-calls", 76).exit_code == 1
-        made = server.requests
-        assert made > 0
+        requests = server.requests
+        assert requests > 0
         with pytest.raises(SpecError, match="--max-calls 76 leaves no room to probe openai:m"):
             call(*words, "--max-calls", 76)
-        assert server.requests == made
+        assert server.requests == requests
         if name in {"closed-loop", "structured"}:
-            assert call(*words, "--max-calls", 76 + made).exit_code == 1
-            assert server.requests == 2 * made
+            assert call(*words, "--max-calls", 76 + requests).exit_code == 1
+            assert server.requests == 2 * requests
 
 
 def test_policies_drive_on_where_a_model_beside_them_cannot_be_probed(tmp_path: Path) -> None:
@@ -200,4 +200,4 @@ def test_policies_drive_on_where_a_model_beside_them_cannot_be_probed(tmp_path: 
         told = call(*words, *drivers, "--out", tmp_path / "run")
     assert told.exit_code == 1
     assert f"set aside: {MODEL}: it cannot be probed: the key is missing, wrong" in told.stderr
-    assert [one.key.policy for one in read_episodes(tmp_path / "run")] == ["oracle"]
+    assert [episode.key.policy for episode in read_episodes(tmp_path / "run")] == ["oracle"]

@@ -282,13 +282,13 @@ def test_a_prompt_study_probes_once_for_all_of_its_cells(bank: FrameBank, tmp_pa
         words = (*at, "--base-url", server.base_url, "--prompt", "structured")
         assert call(*words, "--prompt", "minimal").exit_code == 0
         cells = [read_run(tmp_path / "study" / name)[0] for name in ("structured", "minimal")]
-        assert [len(one.probes) for one in cells] == [1, 0]
-        made = cells[0].probes["openai:m"].calls
-        assert server.requests == made + 8
-        assert {one.mode("openai:m").structured for one in cells} == {"none"}
+        assert [len(cell.probes) for cell in cells] == [1, 0]
+        calls = cells[0].probes["openai:m"].calls
+        assert server.requests == calls + 8
+        assert {cell.mode("openai:m").structured for cell in cells} == {"none"}
         took = json.loads(call("costs", tmp_path / "study", "--json").stdout)
-        assert took["probes"]["openai:m"]["calls"] == made
+        assert took["probes"]["openai:m"]["calls"] == calls
         assert call(*words, "--prompt", "baseline").exit_code == 0
-        assert server.requests == made + 12
+        assert server.requests == calls + 12
         asked = {json.dumps(one["messages"][0]["content"]) for one in server.asked if "messages" in one}
         assert len(asked) > 2

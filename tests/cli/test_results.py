@@ -17,7 +17,7 @@ from eyechart.limits import Limits
 from eyechart.run import spread
 from eyechart.studies import battery
 from eyechart.studies.battery.page import make_page
-from eyechart.studies.battery.reach import unreached
+from eyechart.studies.battery.reach import unreachable_labels
 from eyechart.studies.battery.tables import deciding_table, group_tables
 from eyechart.verdicts import judge
 from known import Demo
@@ -45,7 +45,7 @@ def told(*words: str) -> str:
 @pytest.mark.slow
 def test_a_label_of_an_unfinished_run_is_marked_wherever_it_stands(half: Path) -> None:
     """In both commands, in the page, and beside every model; the whole run is marked no more."""
-    counts = {spec: one.answered for spec, one in battery.score(half, resamples=99).models.items()}
+    counts = {spec: model.answered for spec, model in battery.score(half, resamples=99).models.items()}
     marks = [f"unfinished: {count} of 144 calls" for count in counts.values()]
     page = make_page(read_evidence([half])).html.decode()
     verdict, score = told("verdict", str(half)), told("score", str(half))
@@ -72,12 +72,12 @@ def test_score_prints_each_interval_with_the_level_that_it_has(half: Path) -> No
     battery.run(battery.plan(half.parent / "bank", stand_ins.SPECS, half))
     printed = CliRunner().invoke(app, ["score", str(half), "--all"]).stdout.splitlines()
     assert any("interval" in line and "level" in line for line in printed)
-    found = next(iter(battery.score(half, resamples=99).models.values())).statistics
+    statistics = next(iter(battery.score(half, resamples=99).models.values())).statistics
     for name in ("agree.noise", "self_disagreement", "bound_blank"):
         line = next(line for line in printed if line.split()[:1] == [name])
-        assert found[name].ci is not None
-        assert f"{100 * found[name].level:g} %" in line, line
-    assert {found[name].level for name in ("agree.noise", "bound_blank")} == {0.95, 0.98}
+        assert statistics[name].ci is not None
+        assert f"{100 * statistics[name].level:g} %" in line, line
+    assert {statistics[name].level for name in ("agree.noise", "bound_blank")} == {0.95, 0.98}
 
 
 def test_score_begins_with_the_five_that_decided_and_has_the_rest_by_groups(demo: Demo) -> None:
@@ -119,9 +119,9 @@ def test_a_run_says_before_a_call_what_so_few_frames_cannot_show(
     assert planned.exit_code == 0
     said = re.findall(r"cannot show, for any model: (.*); 'eyechart plan", planned.stderr)
     assert len(said) == bool(never)
-    found = ", ".join(said).split(", ")
-    assert set(never) <= set(found)
-    assert not {"image_invariant", "content"} - set(never) & set(found)
+    tables = ", ".join(said).split(", ")
+    assert set(never) <= set(tables)
+    assert not {"image_invariant", "content"} - set(never) & set(tables)
     if never:
         CliRunner().invoke(app, [*words, *more])
         (one,) = judge(battery.score(tmp_path / "r")).values()
@@ -132,7 +132,9 @@ def test_what_a_longer_bank_cannot_show_is_said_as_of_a_shorter_one(demo: Demo) 
     """A part of the frames is tried first where they are many, and all of them where that is not enough."""
     bank = open_bank(demo.bank)
     frames = spread(bank.frames, 48)
-    many = tuple(replace(one, id=f"{one.id}+{n}", episode=f"{one.episode}+{n}") for n in range(7) for one in frames)
+    many = tuple(
+        replace(frame, id=f"{frame.id}+{n}", episode=f"{frame.episode}+{n}") for n in range(7) for frame in frames
+    )
     asked = [*BATTERY, "lead_near", "lead_far"]
-    assert "image_invariant" in unreached(bank, frames, asked)
-    assert not {"depth", "image_invariant"} & set(unreached(bank, many, asked))
+    assert "image_invariant" in unreachable_labels(bank, frames, asked)
+    assert not {"depth", "image_invariant"} & set(unreachable_labels(bank, many, asked))

@@ -13,7 +13,7 @@ from eyechart import cli
 from eyechart.frames import BankWriter, Camera, Frame, FrameBank, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
-from eyechart.spaces.space import unanswered
+from eyechart.spaces.space import why_unanswered
 from eyechart.studies import battery
 from faults import FaultServer, completion, gemini
 from seeing import Endpoint, read
@@ -27,7 +27,7 @@ def build(out: Path, cameras: tuple[Camera, ...]) -> FrameBank:
     """Write a bank of eight frames whose pictures are as large as a camera's."""
     with BankWriter(out, replace(banks.manifest(), cameras=cameras if len(cameras) > 1 else ())) as writer:
         for step in range(8):
-            files = {one.name: f"images/{one.name}/{step}.png" for one in cameras}
+            files = {camera.name: f"images/{camera.name}/{step}.png" for camera in cameras}
             place = ("light" if step % 2 else "dense", f"e{step % 4}", step)
             images = {
                 name: enlarged(encode(banks.draw(step + 3.0, 16 * step + code))) for code, name in enumerate(files)
@@ -166,7 +166,9 @@ def test_a_frame_that_a_filter_always_blocks_is_a_refusal_of_a_finished_run(
     assert code == 0, said
     assert finished(tmp_path / "run")["outcomes"] is True
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
-        refused = [key for key, one in ledger.replies(MODEL) if unanswered(one.finish_reason, one.error) == "refused"]
+        refused = [
+            key for key, one in ledger.replies(MODEL) if why_unanswered(one.finish_reason, one.error) == "refused"
+        ]
     assert {(key.frame, key.condition) for key in refused} == {(f"f{number}", "real"), (f"f{number}", "real_repeat")}
 
 

@@ -9,7 +9,7 @@ from aiohttp import web
 from typer.testing import CliRunner, Result
 
 import banks
-from eyechart.calls import Reply, concluded
+from eyechart.calls import Reply, answer_from_reasoning
 from eyechart.cli.app import app
 from eyechart.errors import EyechartError
 from eyechart.frames import FrameBank
@@ -236,8 +236,8 @@ def test_the_answer_is_read_from_the_end_of_the_reasoning_where_that_is_asked_fo
 )
 def test_what_is_the_end_of_a_reasoning(reasoning: str, finish: str | None, text: str) -> None:
     """The last line, or the object that it ends with; never of a reply that was cut or filtered."""
-    assert concluded(Reply("", finish, reasoning=reasoning)).text == text
-    assert concluded(Reply("LEFT", finish, reasoning=reasoning)).text == "LEFT"
+    assert answer_from_reasoning(Reply("", finish, reasoning=reasoning)).text == text
+    assert answer_from_reasoning(Reply("LEFT", finish, reasoning=reasoning)).text == "LEFT"
 
 
 def test_a_run_goes_on_at_another_address_where_that_is_said(bank: FrameBank, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monke
     (tmp_path / "done.toml").write_text(rig + motion)
     done = read_rig(tmp_path / "done.toml").space
     assert done is not None
-    assert [(one.name, one.state) for one in done.dimensions] == [("goal_1", 0), ("goal_2", 1)]
+    assert [(dimension.name, dimension.state) for dimension in done.dimensions] == [("goal_1", 0), ("goal_2", 1)]
     (tmp_path / "rover.toml").write_text(space)
     (tmp_path / "ask.toml").write_text(prompt)
     assert read_space(tmp_path / "rover.toml").brake == ("HALT", "CRAWL")

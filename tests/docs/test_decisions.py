@@ -35,7 +35,7 @@ def test_a_decision_is_read_once(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     lines = text.splitlines()
     assert [line for line in lines if len(line) > 99 and not line.startswith("|")] == []
-    assert [one for one in sentences(text) if len(re.findall(r"\S*\w\S*", one)) > 30] == []
+    assert [sentence for sentence in sentences(text) if len(re.findall(r"\S*\w\S*", sentence)) > 30] == []
     assert len(lines) <= (100 if page.name in LONG | {"README.md"} else 55)
 
 

@@ -34,6 +34,6 @@ def said(line: str) -> str:
     """Run a line of the page and return what it printed."""
     tool, *words = shlex.split(line)
     assert tool == "eyechart"
-    told = CliRunner().invoke(app, words)
-    assert told.exit_code == 0, told.output
-    return told.stdout
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    return result.stdout

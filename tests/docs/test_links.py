@@ -15,12 +15,12 @@ _LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 def pages() -> list[Path]:
     """Return the Markdown files of the checkout."""
-    found = []
+    result = []
     for path in sorted(ROOT.rglob("*.md")):
         folders = path.relative_to(ROOT).parts[:-1]
         if not any(name.startswith(".") or name in NOT_OURS for name in folders) and folders[:2] != ("docs", "api"):
-            found.append(path)
-    return found
+            result.append(path)
+    return result
 
 
 def anchors(page: Path) -> set[str]:

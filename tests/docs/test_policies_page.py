@@ -36,9 +36,9 @@ def test_the_function_is_a_policy_and_the_example_in_python_runs(
     from eyechart.frames import open_bank  # noqa: PLC0415 - the page made the bank
     from eyechart.probe.policies import examine_policy  # noqa: PLC0415
 
-    found = examine_policy("python:my_robot:act", open_bank(tmp_path / "bank")).findings
-    assert [one.fine for one in found if one.name == "motions"] == [True]
-    assert [one.fine for one in found if one.name == "constant"] == [False]
+    findings = examine_policy("python:my_robot:act", open_bank(tmp_path / "bank")).findings
+    assert [finding.fine for finding in findings if finding.name == "motions"] == [True]
+    assert [finding.fine for finding in findings if finding.name == "constant"] == [False]
 
 
 def test_it_names_every_label_guard_attribute_and_condition(tmp_path: Path) -> None:

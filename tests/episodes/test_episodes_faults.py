@@ -29,7 +29,7 @@ def drive(out: Path, *specs: str, scenarios: list[str], processes: int = 2) -> d
     """Drive one seed of these scenarios and return the episodes by policy and scenario."""
     plan = study.plan(study.Setup("tiny", max_steps=40), specs, out, scenarios=scenarios, seeds=[0])
     study.run(plan, bounds=Bounds(processes=processes, concurrency=4))
-    return {(one.key.policy, one.key.scenario): one for one in read_episodes(out)}
+    return {(episode.key.policy, episode.key.scenario): episode for episode in read_episodes(out)}
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_a_world_that_takes_its_process_down_costs_its_own_episode_only(tmp_path
         assert "exit code -9" in found[policy, "fatal"].detail
         assert found[policy, "whole"].ended == "goal"
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
-        sent = [one.key for one in ledger.attempts(LOOK)]
+        sent = [attempt.key for attempt in ledger.attempts(LOOK)]
     assert len(sent) == len(set(sent))
 
 
@@ -103,7 +103,7 @@ def test_a_model_that_raises_is_set_aside_and_the_others_drive_on(tmp_path: Path
     assert "10 calls in a row failed, the last one with exception: RuntimeError: out of memory" in " ".join(
         outcome.set_aside.values()
     )
-    assert {one.key.policy for one in read_episodes(tmp_path / "run") if one.ended == "goal"} == {LOOK}
+    assert {episode.key.policy for episode in read_episodes(tmp_path / "run") if episode.ended == "goal"} == {LOOK}
     assert len(plan.left()) == 3
 
 
@@ -127,7 +127,7 @@ def test_what_ended_in_an_error_is_driven_anew_when_asked(tmp_path: Path, monkey
     assert plan.left() == ()
     monkeypatch.setenv("TINY_MARK", str(tmp_path))
     study.run(replace(plan, again=True))
-    assert [one.ended for one in read_episodes(tmp_path / "run")] == ["error", "goal"]
+    assert [episode.ended for episode in read_episodes(tmp_path / "run")] == ["error", "goal"]
 
 
 @pytest.mark.parametrize("policy", [LOOK, "oracle"])
@@ -144,7 +144,7 @@ def test_what_the_bound_on_steps_ended_is_driven_anew_under_a_larger_one(tmp_pat
         study.plan(study.Setup("tiny", max_steps=4), [policy], tmp_path, **asked)  # type: ignore[arg-type]
     if policy == LOOK:
         with Ledger(tmp_path / LEDGER) as ledger:
-            sent = [one.key for one in ledger.attempts(LOOK)]
+            sent = [attempt.key for attempt in ledger.attempts(LOOK)]
         assert len(sent) == len(set(sent)) == len(then.steps)
 
 

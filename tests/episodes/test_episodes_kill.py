@@ -53,13 +53,13 @@ def test_episodes_killed_at_random_moments_end_as_undisturbed_ones(
     monkeypatch.setenv("TINY_CALLS", str(tmp_path / "other"))
     whole = tmp_path / "whole"
     study.run(tiny_worlds.planned(whole), bounds=study.Bounds(processes=2, concurrency=3))
-    killed, undisturbed = (sorted(one.as_line() for one in read_episodes(folder)) for folder in (out, whole))
+    killed, undisturbed = (sorted(episode.as_line() for episode in read_episodes(folder)) for folder in (out, whole))
     assert killed == undisturbed, moments
     assert len(killed) == 24
 
     with Ledger(out / LEDGER) as ledger:
         sent = list(ledger.attempts(MODEL))
-    finished = [one.key for one in sent if one.reply is not None]
-    steps = sum(len(one.steps) for one in read_episodes(whole) if one.key.policy == MODEL)
+    finished = [attempt.key for attempt in sent if attempt.reply is not None]
+    steps = sum(len(episode.steps) for episode in read_episodes(whole) if episode.key.policy == MODEL)
     assert len(finished) == len(set(finished)) == steps == size(tmp_path / "other")
     assert steps <= size(calls) <= len(sent) <= steps + KILLS * 3

@@ -63,15 +63,15 @@ def test_a_line_with_any_value_changed_is_an_episode_or_an_error_that_names_it(
     line = json.dumps(changed(where, what, drop=drop))
     (out / EPISODES).write_text("".join(f"{one.as_line()}\n" for one in WHOLE) + line + "\n")
     try:
-        found = list(read_episodes(out))
+        episodes = list(read_episodes(out))
     except LedgerError as error:
         assert f"{out / EPISODES}: line 5 is no episode: " in str(error)  # noqa: PT017 - either is right
         assert "restore the file from a copy, or delete this line" in str(error)  # noqa: PT017 - likewise
         return
-    assert len(found) == 5
+    assert len(episodes) == 5
     if not drop:
-        assert json.loads(found[4].as_line()) == changed(where, what, drop=drop)
-    summarise(found)
+        assert json.loads(episodes[4].as_line()) == changed(where, what, drop=drop)
+    summarise(episodes)
     try:
         score(out, resamples=10).as_dict()
     except EyechartError as error:

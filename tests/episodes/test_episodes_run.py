@@ -32,7 +32,7 @@ def planned(out: Path, *specs: str, seeds: int = 2, **asked: object) -> Episodes
 
 def by_key(out: Path) -> dict[tuple[str, int, str], Episode]:
     """Return the episodes by policy, seed and condition."""
-    return {(one.key.policy, one.key.seed, one.key.condition): one for one in read_episodes(out)}
+    return {(episode.key.policy, episode.key.seed, episode.key.condition): episode for episode in read_episodes(out)}
 
 
 @pytest.fixture(scope="module")
@@ -51,16 +51,16 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_model_and_a_policy_that_decide_alike_drive_alike(driven: Path) -> None:
     """The model looks and the oracle is told; on blank pictures the model is a constant one, and crashes as it does."""
-    found = by_key(driven)
-    assert len(found) == 4 * 2 * 2
+    episodes = by_key(driven)
+    assert len(episodes) == 4 * 2 * 2
     for seed in range(2):
-        looking, told = found[LOOK, seed, "real"], found["oracle", seed, "real"]
+        looking, told = episodes[LOOK, seed, "real"], episodes["oracle", seed, "real"]
         assert looking.state_sha256 == told.state_sha256
         assert [looking.ended, looking.actions()] == ["goal", told.actions()]
-        blind, constant = found[LOOK, seed, "blank"], found["constant:STRAIGHT", seed, "real"]
+        blind, constant = episodes[LOOK, seed, "blank"], episodes["constant:STRAIGHT", seed, "real"]
         assert blind.state_sha256 == constant.state_sha256 != looking.state_sha256
         assert blind.crashed
-        assert found["oracle", seed, "blank"].actions() == told.actions()
+        assert episodes["oracle", seed, "blank"].actions() == told.actions()
 
 
 def test_where_there_is_no_decision_the_fail_safe_is_executed_and_never_credited(driven: Path) -> None:
@@ -75,10 +75,10 @@ def test_every_step_of_a_model_is_one_call_of_the_ledger_and_its_reply_is_the_de
     """The key of a call names simulator, scenario, seed and step; policies that are no models make none."""
     prompt, space = read_manifest(driven).prompt.key, read_manifest(driven).action_space
     expected: dict[CallKey, object] = {
-        one.key.call(prompt, step.step): step.decision
-        for one in read_episodes(driven)
-        if one.key.policy in {LOOK, SILENT}
-        for step in one.steps
+        episode.key.call(prompt, step.step): step.decision
+        for episode in read_episodes(driven)
+        if episode.key.policy in {LOOK, SILENT}
+        for step in episode.steps
     }
     with Ledger(driven / LEDGER) as ledger:
         found = {key: space.read(reply) for spec in (LOOK, SILENT, "oracle") for key, reply in ledger.replies(spec)}
@@ -103,7 +103,7 @@ def test_equal_seeds_give_equal_records_in_any_number_of_processes(tmp_path: Pat
     for processes in (1, 3):
         plan = planned(tmp_path / str(processes), "random", LOOK, seeds=3, conditions=["noise", "shuffled"])
         study.run(plan, bounds=Bounds(processes=processes, concurrency=processes))
-        runs.append(sorted(one.as_line() for one in read_episodes(tmp_path / str(processes))))
+        runs.append(sorted(episode.as_line() for episode in read_episodes(tmp_path / str(processes))))
     assert runs[0] == runs[1]
     assert len(runs[0]) == 12
 
@@ -138,7 +138,7 @@ def test_policies_seeds_and_conditions_may_be_added_and_nothing_else_may_change(
         (0, 1),
         ("real", "mirrored"),
     )
-    assert Counter(one.key.policy for one in read_episodes(out)) == {"oracle": 1, "random": 2}
+    assert Counter(episode.key.policy for episode in read_episodes(out)) == {"oracle": 1, "random": 2}
     for asked, words in (
         ({"seed": 3}, "has seed 0, now seed 3"),
         ({"prompt": "minimal"}, "has prompt baseline@.*, now prompt minimal@"),
@@ -197,7 +197,11 @@ def test_a_limit_cuts_episodes_and_a_higher_one_goes_on_without_asking_again(tmp
     assert (second.stopped, plan.left()) == (None, ())
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
         sent = list(ledger.attempts(LOOK))
-    assert len(sent) == len({one.key for one in sent}) == sum(len(one.steps) for one in read_episodes(tmp_path / "run"))
+    assert (
+        len(sent)
+        == len({attempt.key for attempt in sent})
+        == sum(len(episode.steps) for episode in read_episodes(tmp_path / "run"))
+    )
 
 
 def test_a_marginal_is_counted_from_a_run_of_either_kind(driven: Path, tmp_path: Path) -> None:
@@ -232,7 +236,7 @@ def test_an_environment_of_ones_own_is_driven_by_its_action_map_which_the_run_ke
     assert study.plan("gym:CartPole-v1", ["random"], out, **asked).left() == ()  # type: ignore[arg-type]
     (first, *_) = read_episodes(out)
     assert (first.key.simulator, first.ended in {"crash", "time"}) == ("gym:CartPole-v1", True)
-    assert {(one.distance_m, one.speed_mps) for one in read_episodes(out)} == {(None, None)}
+    assert {(episode.distance_m, episode.speed_mps) for episode in read_episodes(out)} == {(None, None)}
     assert '"speed_mps":null,"distance_m":null' in (out / study.EPISODES).read_text()
     row = study.summarise(read_episodes(out))[0]
     assert (row.distance_m, row.speed_mps, row.reward) == (None, None, 8.0)

@@ -33,17 +33,17 @@ def same(one: list[RGB], other: list[RGB]) -> bool:
 def test_real_blank_frozen_and_mirrored_are_what_they_say() -> None:
     """The camera's picture, mid-grey of its size, the first one for ever, and the flip across the mirror axis."""
     real = pictures("real")
-    assert len({one.tobytes() for one in real}) == 4
-    assert all((one == 128).all() and one.shape == real[0].shape for one in pictures("blank"))
+    assert len({picture.tobytes() for picture in real}) == 4
+    assert all((picture == 128).all() and picture.shape == real[0].shape for picture in pictures("blank"))
     assert same(pictures("frozen"), [real[0]] * 4)
-    assert same(pictures("mirrored"), [one[::-1] for one in real])
+    assert same(pictures("mirrored"), [picture[::-1] for picture in real])
 
 
 def test_noise_and_shuffled_belong_to_the_moment_whoever_drives() -> None:
     """Another policy is shown the same, another seed of the run or another world something else."""
     for condition in ("noise", "shuffled"):
         shown = pictures(condition)
-        assert len({one.tobytes() for one in shown}) > 1
+        assert len({picture.tobytes() for picture in shown}) > 1
         assert same(shown, pictures(condition, policy="another"))
         assert not same(shown, pictures(condition, run=1))
         assert not same(shown, pictures(condition, seed=2))
@@ -52,7 +52,7 @@ def test_noise_and_shuffled_belong_to_the_moment_whoever_drives() -> None:
 def test_shuffled_shows_moments_of_other_worlds_only() -> None:
     """Also where the episode is one of the worlds of the pool. The colour of a corridor's column is its seed."""
     for seed in (1, POOL_SEEDS[0]):
-        columns = {int(one[0].max(axis=0)[1]) for one in pictures("shuffled", seed=seed, steps=8)}
+        columns = {int(picture[0].max(axis=0)[1]) for picture in pictures("shuffled", seed=seed, steps=8)}
         assert columns <= {other % 200 for other in POOL_SEEDS if other != seed}
 
 

@@ -87,9 +87,9 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Episode]
             plan = rover(out, serving.base_url)
             study.run(plan, bounds=Bounds(processes=1, concurrency=5, attempts=2))
     with Ledger(out / LEDGER) as ledger:
-        sent = [one.key.frame for one in ledger.attempts(SPEC)]
+        sent = [attempt.key.frame for attempt in ledger.attempts(SPEC)]
     names = {seed: fault for fault, seed in WORLDS.items()}
-    found = {names[one.key.seed]: one for one in read_episodes(out)}
+    found = {names[episode.key.seed]: episode for episode in read_episodes(out)}
     failed = {EpisodeKey(SPEC, "rover-mpc", "single", seed).frame(FAILED[0]): name for seed, name in names.items()}
     return found, Counter(failed[frame] for frame in sent if frame in failed)
 
@@ -181,7 +181,7 @@ def test_a_cut_run_that_is_resumed_gives_the_same_records(tmp_path: Path) -> Non
         study.run(plan, bounds=Bounds(limits=Limits(calls=calls)))
     assert list(read_episodes(tmp_path / "cut")) == [whole]
     with Ledger(tmp_path / "cut" / LEDGER) as ledger:
-        sent = [one.key for one in ledger.attempts(model)]
+        sent = [attempt.key for attempt in ledger.attempts(model)]
     assert len(sent) == len(set(sent)) == len(whole.steps)
 
 
@@ -203,8 +203,11 @@ def test_a_model_that_is_set_aside_is_not_silent_in_what_was_under_way(tmp_path:
     assert "auth" in " ".join(outcome.set_aside.values())
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
         sent = list(ledger.attempts(f"python:{__name__}:parting"))
-    assert [one.reply.error for one in sent if one.reply is not None and one.reply.error] == ["auth", "timeout"]
-    assert not any(one.final for one in sent if one.reply is not None and one.reply.error)
+    assert [attempt.reply.error for attempt in sent if attempt.reply is not None and attempt.reply.error] == [
+        "auth",
+        "timeout",
+    ]
+    assert not any(attempt.final for attempt in sent if attempt.reply is not None and attempt.reply.error)
 
 
 def test_an_outage_costs_so_many_stops_and_then_the_model_is_set_aside(tmp_path: Path) -> None:
@@ -217,7 +220,7 @@ def test_an_outage_costs_so_many_stops_and_then_the_model_is_set_aside(tmp_path:
     assert plan.left()
     study.run(plan)
     assert plan.left() == ()
-    silent = [step for one in read_episodes(tmp_path / "run") for step in one.steps if step.error]
+    silent = [step for episode in read_episodes(tmp_path / "run") for step in episode.steps if step.error]
     assert len(silent) == Limits().patience
 
 

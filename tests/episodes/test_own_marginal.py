@@ -35,8 +35,10 @@ def planned(
 
 def decisions(out: Path, policy: str) -> Counter[str]:
     """Return the decisions of who drove, by action or by the reason that there is none."""
-    mine = [one for one in read_episodes(out) if one.key.policy == policy and one.key.condition == "real"]
-    taken = [step.decision for one in mine for step in one.steps]
+    mine = [
+        episode for episode in read_episodes(out) if episode.key.policy == policy and episode.key.condition == "real"
+    ]
+    taken = [step.decision for episode in mine for step in episode.steps]
     return Counter(one.action or f"no decision: {one.missing}" for one in taken)
 
 
@@ -53,7 +55,11 @@ def test_who_is_constant_is_its_own_marginal_and_who_sees_is_not(tmp_path: Path)
     assert "nothing in them needs a picture" in by_policy[ONWARD].sentence
     assert "the timing of its actions matters" in by_policy[LOOK].sentence
     assert decisions(tmp_path / "run", f"marginal:{SILENT}").keys() == {"no decision: empty"}
-    driven = {one.key.condition for one in read_episodes(tmp_path / "run") if one.key.policy.startswith("marginal:")}
+    driven = {
+        episode.key.condition
+        for episode in read_episodes(tmp_path / "run")
+        if episode.key.policy.startswith("marginal:")
+    }
     assert driven == {"real"}, "it looks at no picture, so that other pictures change nothing"
 
 
@@ -63,15 +69,21 @@ def test_it_waits_for_its_driver_and_keeps_the_counts_that_it_began_with(tmp_pat
     run, own = tmp_path / "run", f"marginal:{LOOK}"
     study.run(planned(run, LOOK), bounds=Bounds(concurrency=1, limits=Limits(calls=15)))
     assert len(list(read_episodes(run))) == 1, "one of its two episodes is over"
-    assert (read_manifest(run).policies[own], own in {one.key.policy for one in read_episodes(run)}) == ("", False)
+    assert (read_manifest(run).policies[own], own in {episode.key.policy for episode in read_episodes(run)}) == (
+        "",
+        False,
+    )
     study.run(planned(run, LOOK))
     assert read_manifest(run).policies[own] == str(dict(sorted(decisions(run, LOOK).items(), reverse=True)))
-    first, drawn = read_manifest(run).policies[own], [one for one in read_episodes(run) if one.key.policy == own]
+    first, drawn = (
+        read_manifest(run).policies[own],
+        [episode for episode in read_episodes(run) if episode.key.policy == own],
+    )
     assert len(drawn) == 2
     study.run(planned(run, LOOK, seeds=4))
     assert read_manifest(run).policies[own] == first
     assert str(dict(sorted(decided_by(LOOK, own, read_episodes(run)).items(), reverse=True))) == first
-    assert [one for one in read_episodes(run) if one.key.policy == own][:2] == drawn
+    assert [episode for episode in read_episodes(run) if episode.key.policy == own][:2] == drawn
     assert planned(run, LOOK, seeds=4).left() == ()
 
 

@@ -62,10 +62,10 @@ def test_each_fails_the_clauses_that_it_was_trained_to_fail(base: Path) -> None:
 
     Sixteen pairs are few for the one that sees: by their draw it may fail an equivariance, and nothing else.
     """
-    found = structured.score(base / "calibration").models
-    assert all(one.told.repairs == {} and one.told.reasons == {} for one in found.values())
-    assert found[BLIND].failed == ESTIMATORS["scene_blind"].fails
-    assert found[SEEING].failed <= {"scene_equivariance", "action_equivariance"}
+    models = structured.score(base / "calibration").models
+    assert all(model.told.repairs == {} and model.told.reasons == {} for model in models.values())
+    assert models[BLIND].failed == ESTIMATORS["scene_blind"].fails
+    assert models[SEEING].failed <= {"scene_equivariance", "action_equivariance"}
 
 
 def test_the_seeing_one_sees(base: Path) -> None:
@@ -80,8 +80,8 @@ def test_the_seeing_one_sees(base: Path) -> None:
 
 def test_what_answers_with_actions_can_choose_no_guardian(base: Path) -> None:
     """No reply of the battery's organisms holds an estimate, so none votes, and the command says so."""
-    found = structured.score(base / "acting").models
-    assert [one.told.reasons for one in found.values()] == [{"missing_field": 32}] * 2
+    models = structured.score(base / "acting").models
+    assert [model.told.reasons for model in models.values()] == [{"missing_field": 32}] * 2
     code, _, told = command("guardian", "fit", base / "acting", "--out", base / "none.json")
     assert code == 2
     assert "no vote by hf:organism:blind, hf:organism:grounded on any of 16 frames" in told

@@ -52,7 +52,7 @@ def test_csv_json_lines_and_parquet_give_one_guardian_and_one_score(tmp_path: Pa
     """With missing votes among them; also where Parquet holds votes as numbers, and episodes as whole ones."""
     votes = np.array(published().votes)
     votes[:, ::37, 0] = votes[1, ::5, 1] = -1
-    whole = replace(published(), votes=votes, episodes=tuple(str(int(one[1:])) for one in published().episodes))
+    whole = replace(published(), votes=votes, episodes=tuple(str(int(episode[1:])) for episode in published().episodes))
     csv, about = published_votes.write(whole, tmp_path)
     rows = rows_of(whole)
     numbers = [{name: int(one) if isinstance(one, bool) else one for name, one in row.items()} for row in rows]
@@ -60,10 +60,10 @@ def test_csv_json_lines_and_parquet_give_one_guardian_and_one_score(tmp_path: Pa
     tables = [csv, write_lines(tmp_path / "v.jsonl", rows), write_parquet(tmp_path / "v.parquet", rows)]
     tables.append(write_parquet(tmp_path / "n.parquet", numbers))
     read = [study.read_votes(path, about=about) for path in tables]
-    frozen = [study.fit(one.part("calibration")) for one in read]
+    frozen = [study.fit(table.part("calibration")) for table in read]
     assert len({one.digest for one in frozen}) == 1
     scores = [study.score(one, two.part("score")) for one, two in zip(frozen, read, strict=True)]
-    assert all(one.as_dict() == scores[0].as_dict() for one in scores)
+    assert all(score.as_dict() == scores[0].as_dict() for score in scores)
     assert scores[0].incomplete > 0
     broken = write_parquet(tmp_path / "b.parquet", [{**row, "Gemma4-12B/original": "perhaps"} for row in rows])
     with pytest.raises(VoteError, match="row 1: 'Gemma4-12B/original' is 'perhaps'"):
@@ -94,6 +94,6 @@ def test_a_bank_that_was_imported_with_a_hazard_column_says_what_a_hazard_is(tmp
         foreign = write_parquet(tmp_path / "foreign.parquet", [{**said[0], "frame": "another"}])
         with pytest.raises(VoteError, match="has no frame 'another'"):
             study.read_votes(foreign, bank=bank)
-    assert len({(one.committee, one.threshold, one.selection) for one in guardians}) == 1
-    assert [len({one.digest for one in guardians[place : place + 2]}) for place in (0, 2, 4)] == [1, 1, 1]
+    assert len({(guardian.committee, guardian.threshold, guardian.selection) for guardian in guardians}) == 1
+    assert [len({guardian.digest for guardian in guardians[place : place + 2]}) for place in (0, 2, 4)] == [1, 1, 1]
     assert guardians[2].digest == guardians[4].digest

@@ -25,7 +25,7 @@ from eyechart.simulators import open_simulator
 
 pytestmark = [pytest.mark.models, pytest.mark.filterwarnings("ignore")]
 
-GREEDY = [name for name, one in organisms.ORGANISMS.items() if not one.sampled]
+GREEDY = [name for name, organism in organisms.ORGANISMS.items() if not organism.sampled]
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def queries(bank: FrameBank, prompt: str = "baseline") -> list[Query]:
     seen = [
         Query(words.system, words.user, Stimulus.of(bank.image(frame)), number) for number, frame in enumerate(bank)
     ]
-    return seen + [Query(words.system, words.user, Stimulus(), 1000 + one.seed) for one in seen[::4]]
+    return seen + [Query(words.system, words.user, Stimulus(), 1000 + query.seed) for query in seen[::4]]
 
 
 def together(model: HuggingFaceModel, asked: Sequence[Query]) -> list[Reply]:
@@ -106,7 +106,7 @@ def test_a_batch_and_its_order_change_no_drawn_answer(bank: FrameBank) -> None:
     assert together(opened("organism:self_inconsistent", temperature=None), asked) == alone
     backwards = together(opened("organism:self_inconsistent", temperature=None, options={"batch": 5}), asked[::-1])
     assert backwards[::-1] == alone
-    other = [Query(one.system, one.user, Stimulus.of(one.image), one.seed + 5000) for one in asked]
+    other = [Query(query.system, query.user, Stimulus.of(query.image), query.seed + 5000) for query in asked]
     again = together(opened("organism:self_inconsistent", temperature=None), other)
     assert sum(one.text != two.text for one, two in zip(again, alone, strict=True)) > len(asked) / 2
 

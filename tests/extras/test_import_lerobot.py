@@ -97,11 +97,11 @@ def test_a_camera_of_depths_is_left_out_by_each_mark_that_lerobot_reads(tmp_path
     arm(tmp_path / "set", inside=False)
     describe(tmp_path / "set", lambda info: info["features"][REAR].update(marks))
     bank = bank_of(tmp_path / "set")
-    assert [one.name for one in bank.manifest.cameras] == ["front"]
+    assert [camera.name for camera in bank.manifest.cameras] == ["front"]
     assert any("rear' is left out: its pictures are marked as depths" in line for line in taken(bank))
     off = {place: dict.fromkeys(of, False) for place, of in marks.items()}
     describe(tmp_path / "set", lambda info: info["features"][REAR].update(off))
-    assert [one.name for one in bank_of(tmp_path / "set", "both").manifest.cameras] == ["front", "rear"]
+    assert [camera.name for camera in bank_of(tmp_path / "set", "both").manifest.cameras] == ["front", "rear"]
 
 
 def test_a_camera_that_only_looks_like_one_of_depths_is_taken_and_said(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_camera_that_only_looks_like_one_of_depths_is_taken_and_said(tmp_path:
     arm(tmp_path / "set", inside=False)
     describe(tmp_path / "set", lambda info: info["features"][REAR].update(shape=[48, 64, 1]))
     bank = bank_of(tmp_path / "set")
-    assert [one.name for one in bank.manifest.cameras] == ["front", "rear"]
+    assert [camera.name for camera in bank.manifest.cameras] == ["front", "rear"]
     assert any("rear' looks like a depth camera" in line for line in taken(bank))
 
 
@@ -137,7 +137,7 @@ def test_a_camera_without_files_is_left_out_and_named(tmp_path: Path, lose: Call
     arm(tmp_path / "set", inside=False)
     lose(tmp_path / "set")
     bank = bank_of(tmp_path / "set")
-    assert [one.name for one in bank.manifest.cameras] == ["front"]
+    assert [camera.name for camera in bank.manifest.cameras] == ["front"]
     assert any(line.startswith(f"camera '{REAR}' is left out: info.json lists it, but ") for line in taken(bank))
     assert "download the data set again" in refused(tmp_path / "set", camera="rear")
     describe(tmp_path / "set", lambda info: info["features"].pop(CAMERA))

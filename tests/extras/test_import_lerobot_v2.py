@@ -69,7 +69,7 @@ def test_what_gr00t_calls_the_description_of_the_task_is_the_instruction(tmp_pat
     for path in (root / "data").rglob("*.parquet"):
         rewrite(path, lambda rows: [row | own for row in rows])
     words = ["drive", "valid", "pick the pear"]
-    write_lines(root / "meta/tasks.jsonl", [{"task_index": place, "task": one} for place, one in enumerate(words)])
+    write_lines(root / "meta/tasks.jsonl", [{"task_index": place, "task": word} for place, word in enumerate(words)])
     named: dict[str, Any] = {"annotation": {"human.validity": {}, "human.action.task_description": {}}}
     (root / "meta/modality.json").write_text(json.dumps(named))
     assert {one.fields["task"] for one in bank_of(root)} == {"pick the pear"}
@@ -84,7 +84,7 @@ def test_a_camera_without_films_is_left_out(tmp_path: Path) -> None:
     for path in (tmp_path / "set/videos").rglob(f"{REAR}/*.mp4"):
         path.unlink()
     bank = bank_of(tmp_path / "set")
-    assert [one.name for one in bank.manifest.cameras] == ["front"]
+    assert [camera.name for camera in bank.manifest.cameras] == ["front"]
     assert any("rear' is left out: info.json lists it, but none of its videos exists" in one for one in taken(bank))
 
 
@@ -153,7 +153,9 @@ def renamed(root: Path, names: dict[str, str]) -> None:
     _, pq = arrow()
     for path in (root / "data").rglob("*.parquet"):
         table = pq.read_table(path)
-        pq.write_table(table.rename_columns([names.get(one, one) for one in table.column_names]), path)
+        pq.write_table(
+            table.rename_columns([names.get(column_name, column_name) for column_name in table.column_names]), path
+        )
     describe(root, lambda info: info.update(features={names.get(one, one): of for one, of in info["features"].items()}))
 
 
@@ -184,7 +186,9 @@ def test_a_state_in_parts_is_one_state(tmp_path: Path) -> None:
             numbers = table[name].to_pylist()
             table = table.drop_columns([name])
             for place, part in enumerate(of):
-                table = table.append_column(f"{name}.{part}", pa.array([one[place] for one in numbers], pa.float64()))
+                table = table.append_column(
+                    f"{name}.{part}", pa.array([number[place] for number in numbers], pa.float64())
+                )
         pq.write_table(table, path)
 
     def parts(info: Any) -> None:  # noqa: ANN401 - info.json

@@ -351,14 +351,14 @@ def test_a_lerobot_data_set_becomes_a_bank_for_policies(tmp_path: Path, *, insid
     space = bank.manifest.motion
     assert space is not None
     assert (space.shape, space.kind, space.rate_hz) == ((4, 2), "absolute", 10.0)
-    assert [(one.name, one.state) for one in space.dimensions] == [("gap", 0), ("speed", 1)]
+    assert [(dimension.name, dimension.state) for dimension in space.dimensions] == [("gap", 0), ("speed", 1)]
     assert [frame.step for frame in bank][:4] == [0, 3, 6, 9]
     for frame in bank:
         first = (int(frame.episode) % 4 * 10 + frame.step) * 2
         wanted = tuple((first + 2.0 * step, first + 2.0 * step + 1) for step in range(4))
         assert frame.motion == (wanted if frame.step <= 6 else ())
         assert list(frame.pictures) == ["front", "rear"]
-        shown = [photographs.height(decode(one, name)) for name, one in bank.images(frame).items()]
+        shown = [photographs.height(decode(image, name)) for name, image in bank.images(frame).items()]
         expected = photographs.height(photographs.draw(frame.state["state"][0]))
         assert np.abs(np.array(shown) - expected).max() <= (0 if inside else 2)
         assert frame.fields == {"task": ("cross the yard", "park")[int(frame.episode) % 2]}
@@ -423,7 +423,7 @@ def test_tasks_without_words_are_no_bank_without_an_instruction(
     named = import_lerobot(
         tmp_path / "set", tmp_path / "bank", Choices(prompt_columns=("task_index",)), ahead=Horizon(4, "delta")
     )
-    assert {one for frame in named for one in frame.fields.values()} == {0, 1}
+    assert {field for frame in named for field in frame.fields.values()} == {0, 1}
 
 
 MIRRORED = """
@@ -498,7 +498,7 @@ def test_the_kind_of_actions_is_told_by_the_data_whatever_their_names(
     space, kind = bank.manifest.motion, "delta" if changes else "absolute"
     assert space is not None
     assert space.kind == kind
-    assert [one.state for one in space.dimensions] == ([None, None] if changes else [0, 1])
+    assert [dimension.state for dimension in space.dimensions] == ([None, None] if changes else [0, 1])
     assert [line for line in taken(bank) if line.startswith(f"kind: {kind}, as the data tell: ")]
 
 
@@ -564,8 +564,8 @@ def test_an_action_of_another_kind_is_said_and_one_number_is_no_vector(tmp_path:
         ).manifest.motion
         for kind in kinds
     ]
-    assert [one.kind for one in spaces if one is not None] == [*kinds]
-    assert [one.shape for one in spaces if one is not None] == [(2, 1)] * 2
+    assert [space.kind for space in spaces if space is not None] == [*kinds]
+    assert [space.shape for space in spaces if space is not None] == [(2, 1)] * 2
 
 
 @pytest.mark.parametrize(

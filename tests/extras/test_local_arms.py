@@ -110,13 +110,13 @@ def test_weights_are_gone_before_the_next_model_loads_its_own(
     monkeypatch.setattr(generation.TextGenerator, "_load", noting)
     specs = [f"hf:organism:{name}" for name in ("blind", "presence_only", "grounded")]
     how: dict[str, Any] = {"conditions": ("real", "real_repeat", "blank"), "limit": 3}
-    one = run_battery(bank, specs, tmp_path / "one", **how)
+    report = run_battery(bank, specs, tmp_path / "one", **how)
     assert seen == [0, 0, 0]
     assert not alive
     seen.clear()
     together = run_battery(bank, specs, tmp_path / "together", sequential=False, **how)
     assert sorted(seen) == [0, 1, 2]
-    assert together.rows() == one.rows()
+    assert together.rows() == report.rows()
 
 
 def test_accelerate_places_weights_without_changing_an_answer() -> None:
@@ -213,8 +213,8 @@ def test_what_is_said_of_an_edge_models_size_is_counted(name: str) -> None:
     assert type(network).__name__ == facts["architecture"]
     assert network.num_parameters() == facts["parameters"]
     last = network.get_output_embeddings()
-    layers = (one for one in network.modules() if isinstance(one, torch.nn.Linear) and one is not last)
-    assert sum(one.weight.numel() for one in layers) == facts["linear"]
+    layers = (module for module in network.modules() if isinstance(module, torch.nn.Linear) and module is not last)
+    assert sum(layer.weight.numel() for layer in layers) == facts["linear"]
 
 
 def test_weights_are_weighed_before_they_are_loaded(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from eyechart.verdicts import judge
 
 pytestmark = [pytest.mark.models, pytest.mark.filterwarnings("ignore")]
 
-SPECS = {f"hf:organism:{name}": one for name, one in ORGANISMS.items()}
+SPECS = {f"hf:organism:{name}": organism for name, organism in ORGANISMS.items()}
 
 
 ROOT = Path(__file__).parents[2]
@@ -58,7 +58,7 @@ def test_the_page_shows_what_the_demo_prints(page: ModuleType, printed: tuple[st
 def test_every_organism_gets_the_labels_that_it_was_trained_for(scored: BatteryScore) -> None:
     """Verdict and lateral label of all five."""
     verdicts = judge(scored)
-    found = {spec: (one.calibrated.label, one.lateral.label) for spec, one in verdicts.items()}
+    found = {spec: (verdict.calibrated.label, verdict.lateral.label) for spec, verdict in verdicts.items()}
     assert found == {spec: (one.calibrated, one.lateral) for spec, one in SPECS.items()}
 
 
@@ -87,6 +87,6 @@ def test_the_grounded_organism_knows_what_it_sees(scored: BatteryScore) -> None:
     """On pictures of the real renderer, which training never saw, at least 19 of 20 decisions are what is demanded."""
     answers = scored.models["hf:organism:grounded"].answers
     demanded = [str(frame.truth["demand"]) for frame in answers.frames]
-    right = sum(one == two for one, two in zip(answers.actions("real"), demanded, strict=True))
+    right = sum(action == two for action, two in zip(answers.actions("real"), demanded, strict=True))
     assert right >= 0.95 * len(demanded)
     assert len(set(demanded)) == 5

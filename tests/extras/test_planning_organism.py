@@ -32,18 +32,18 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_its_driving_depends_on_its_eyes(run: Path) -> None:
     """It gets farther with real pictures than mirrored, in worlds that only a look at the side can get through."""
-    drives = {one.driver.condition: one for one in read_drives([run]) if one.driver.policy.startswith("hf:")}
+    drives = {drive.driver.condition: drive for drive in read_drives([run]) if drive.driver.policy.startswith("hf:")}
     reached = {
-        condition: sum(map(outcomes_of(list(drives.values())).success, one.episodes))
-        for condition, one in drives.items()
+        condition: sum(map(outcomes_of(list(drives.values())).success, drive.episodes))
+        for condition, drive in drives.items()
     }
-    metres = {condition: sum(one.distance_m for one in drives[condition].episodes) for condition in drives}
+    metres = {condition: sum(episode.distance_m for episode in drives[condition].episodes) for condition in drives}
     assert reached["real"] > reached["mirrored"] == 0
     assert metres["real"] > 1.3 * metres["mirrored"]
 
 
 def test_every_reply_of_every_drive_is_an_action(run: Path) -> None:
     """No fail-safe is executed for it, and it names each of the actions that its worlds ask for."""
-    for one in read_drives([run]):
-        said = [step.decision.action for step in one.steps]
+    for drive in read_drives([run]):
+        said = [step.decision.action for step in drive.steps]
         assert {"LEFT", "RIGHT", "STRAIGHT"} <= set(said) <= {"LEFT", "RIGHT", "STRAIGHT", "SLOW", "STOP"}

@@ -44,14 +44,16 @@ def drive(out: Path, engine: str, *specs: str, simulator: str, **asked: object) 
     """Drive and return the episodes by their lines' keys."""
     plan = study.plan(simulator, specs, out, seeds=range(2), **asked)  # type: ignore[arg-type]
     study.run(plan, engine=engine, bounds=Bounds(processes=2, concurrency=3))
-    return {str(one.key): one for one in read_episodes(out)}
+    return {str(episode.key): episode for episode in read_episodes(out)}
 
 
 def table(out: Path) -> tuple[object, object]:
     """Return the rows that a run prints, and every number of its score but the times of replies."""
     scored = score(out).as_dict()
     del scored["repeated_requests"]
-    return [row.as_dict() for row in study.summarise(sorted(read_episodes(out), key=lambda one: one.key))], scored
+    return [
+        row.as_dict() for row in study.summarise(sorted(read_episodes(out), key=lambda episode: episode.key))
+    ], scored
 
 
 @pytest.mark.usefixtures("_cluster")
@@ -73,7 +75,7 @@ def test_two_nodes_drive_the_same_episodes_as_one_process(tmp_path: Path, monkey
         assert all(one.ended != "error" for one in here.values())
     assert len([node for node in ray.nodes() if node["Alive"]]) == 2
     with Ledger(tmp_path / "tiny-ray" / LEDGER) as ledger:
-        sent = [one.key for one in ledger.attempts(LOOK)]
+        sent = [attempt.key for attempt in ledger.attempts(LOOK)]
     assert len(sent) == len(set(sent))
 
 

@@ -146,9 +146,9 @@ def test_served_greedy_answers_are_equal_to_those_of_hf(
     for name in names:
         through_http = _replies(served[name], f"openai:{name}")
         here = _replies(tmp_path / "run", f"hf:organism:{name}")
-        asked = Counter(condition for _, condition in here)
-        assert all(asked[condition] == frames for condition in conditions)
-        assert set(asked) <= {*conditions, *CONTROLS}  # the same controls are called for by the same answers
+        counter = Counter(condition for _, condition in here)
+        assert all(counter[condition] == frames for condition in conditions)
+        assert set(counter) <= {*conditions, *CONTROLS}  # the same controls are called for by the same answers
         assert through_http == here
 
 

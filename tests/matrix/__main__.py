@@ -15,7 +15,7 @@ TESTS = Path(__file__).parents[1]
 
 def chosen(name: str, patterns: Sequence[str]) -> bool:
     """Return whether a cell's name holds one of some patterns, or there are none."""
-    return not patterns or any(re.search(one, name) for one in patterns)
+    return not patterns or any(re.search(pattern, name) for pattern in patterns)
 
 
 def options() -> argparse.Namespace:

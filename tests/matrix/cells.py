@@ -90,7 +90,7 @@ class Matrix:
 
     def exercises(self) -> list[Exercise]:
         """Return the exercises that can be done here."""
-        return [one for one in EXERCISES.values() if self.arrow or not one.arrow]
+        return [exercise for exercise in EXERCISES.values() if self.arrow or not exercise.arrow]
 
     def fresh(self, exercise: Exercise, manner: str = "polite") -> Path:
         """Return a new folder with an exercise's materials; the one before it is cleared away."""
@@ -193,7 +193,7 @@ class Matrix:
             cell = Cell(exercise, "idle connections", "300", limits=limits, idle=300, strict=True)
             kinds["idle connections"] = lambda: iter([cell])
         if exercise.asks:
-            forms = [one for one in stand_in.FORMS if one not in stand_in.UNPROMISED]
+            forms = [form for form in stand_in.FORMS if form not in stand_in.UNPROMISED]
             kinds["echoed key"] = lambda: (Cell(exercise, "echoed key", form, form=form) for form in forms)
         return kinds
 
@@ -226,8 +226,8 @@ class Matrix:
         folder = self.fresh(exercise)
         self.perform(Cell(replace(exercise, commands=exercise.commands[:1]), "none", ""), folder,
                      Tripwire(wire, 0, 0, folder, self.source))  # fmt: skip
-        found: list[str] = json.loads((folder / "hits").read_text())
-        return found
+        result: list[str] = json.loads((folder / "hits").read_text())
+        return result
 
     def _written(self, exercise: Exercise, most: int) -> Iterator[Cell]:
         """Yield what others may have written into the files that an exercise reads."""
@@ -287,10 +287,10 @@ class Matrix:
         if cell.change is not None and not changed(cell.change, folder):
             return []  # the kind of file cannot hold it
         ended = self.perform(cell, folder, cell.hook(folder=folder) if cell.hook else None)
-        found = [*self._broken(cell, ended, plain), *self._other(cell, folder, ended, plain, made)]
-        if cell.again and not found:
-            found += self._again(cell, folder, made)
-        return found
+        result = [*self._broken(cell, ended, plain), *self._other(cell, folder, ended, plain, made)]
+        if cell.again and not result:
+            result += self._again(cell, folder, made)
+        return result
 
     def _other(self, cell: Cell, folder: Path, ended: Ended, plain: Ended, made: str) -> Iterator[str]:
         """Yield where a command made something else without a word, or did what it is to refuse."""

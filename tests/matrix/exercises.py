@@ -40,14 +40,14 @@ def files(*names: str) -> Callable[[Path, Ended], object]:
 
     def read(folder: Path, ended: Ended) -> object:
         del ended
-        found = {}
+        result = {}
         for name in names:
             root = folder / name
             for path in sorted(root.rglob("*")) if root.is_dir() else [root]:
                 if path.is_file() and "lock" not in path.name:
                     text = re.sub(rb'"created": "[^"]*"', b"", path.read_bytes())
-                    found[path.relative_to(folder).as_posix()] = hashlib.sha256(text).hexdigest()
-        return found
+                    result[path.relative_to(folder).as_posix()] = hashlib.sha256(text).hexdigest()
+        return result
 
     return read
 

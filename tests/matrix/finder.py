@@ -107,11 +107,11 @@ def doors(source: Path) -> frozenset[Door]:
 def _in_module(tree: ast.Module) -> Iterator[tuple[str, str]]:
     """Yield (function, kind) of a module; what stands in no function is of ``<module>``."""
     renamed = {
-        one.asname: f"{node.module}.{one.name}" if isinstance(node, ast.ImportFrom) else one.name
+        name.asname: f"{node.module}.{name.name}" if isinstance(node, ast.ImportFrom) else name.name
         for node in ast.walk(tree)
         if isinstance(node, ast.Import | ast.ImportFrom)
-        for one in node.names
-        if one.asname
+        for name in node.names
+        if name.asname
     }
     left: list[tuple[ast.AST, tuple[str, ...]]] = [(tree, ())]
     while left:
@@ -138,7 +138,9 @@ def kind_of(call: ast.Call, renamed: dict[str | None, str] | None = None) -> str
     method, written = call.func.attr, isinstance(call.func.value, ast.Constant)
     if method in METHODS:
         return METHODS[method]
-    if method == "open" and any(isinstance(one, ast.Constant) and one.value in _OPENED for one in arguments(call)):
+    if method == "open" and any(
+        isinstance(argument, ast.Constant) and argument.value in _OPENED for argument in arguments(call)
+    ):
         return "file"
     if method in _RENAMING and not written and len(call.args) <= (1 if method != "unlink" else 0):
         return "disk" if method != "replace" or (len(call.args) == 1 and not call.keywords) else None
@@ -147,7 +149,7 @@ def kind_of(call: ast.Call, renamed: dict[str | None, str] | None = None) -> str
 
 def arguments(call: ast.Call) -> list[ast.expr]:
     """Return what a call is given, by place and by name."""
-    return [*call.args, *(one.value for one in call.keywords)]
+    return [*call.args, *(keyword.value for keyword in call.keywords)]
 
 
 def is_of_data(template: ast.expr) -> bool:

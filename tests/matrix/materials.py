@@ -43,7 +43,7 @@ def prepare(stock: Path, *, arrow: bool) -> None:
     _answers(stock)
     votes, about = published_votes.write(published_votes.published(), stock)
     (stock / "ids.txt").write_text(
-        "".join(f"{one}\n" for one in published_votes.published().part("calibration").frames)
+        "".join(f"{frame}\n" for frame in published_votes.published().part("calibration").frames)
     )
     made(stock, "guardian", "fit", votes.name, "--about", about.name, "--out", "guardian.json")
     if arrow:

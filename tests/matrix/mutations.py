@@ -104,21 +104,21 @@ def other(value: object) -> Any:  # noqa: ANN401 - of the value's kind
 
 def kinds(path: Path, most: int, *, truth: bool) -> dict[str, list[tuple[str, Change]]]:
     """Return the kinds of changes that fit a file, by their names; ``most`` of those without an end."""
-    found: dict[str, list[tuple[str, Change]]] = {}
-    found["broken bytes"], found["wide and deep"] = list(noise(most)), list(wide(path))
+    result: dict[str, list[tuple[str, Change]]] = {}
+    result["broken bytes"], result["wide and deep"] = list(noise(most)), list(wide(path))
     if path.suffix in RECORDS:
-        found["contradiction"] = list(contradictions(path))
+        result["contradiction"] = list(contradictions(path))
     if path.suffix == ".parquet":
-        found["cells"] = list(cells(path))
+        result["cells"] = list(cells(path))
     if path.suffix in TEXTS:
-        found["templates"] = list(templates(path))
+        result["templates"] = list(templates(path))
     if path.suffix in {".json", ".jsonl"}:
-        found["values"] = list(values())[: 4 * most]
+        result["values"] = list(values())[: 4 * most]
     if path.suffix == ".json":
-        found["numbers"] = list(numbers(path))
+        result["numbers"] = list(numbers(path))
     if path.suffix == ".jsonl" and truth:
-        found["emptied record"] = list(emptied(path))
-    return found
+        result["emptied record"] = list(emptied(path))
+    return result
 
 
 def contradictions(path: Path) -> Iterator[tuple[str, Change]]:
@@ -175,15 +175,15 @@ def emptied(path: Path) -> Iterator[tuple[str, Change]]:
 
 def places(raw: Any) -> list[tuple[Any, Any]]:  # noqa: ANN401 - JSON of any shape
     """Return every place of JSON as (what holds it, its key or index)."""
-    found: list[tuple[Any, Any]] = []
+    result: list[tuple[Any, Any]] = []
     left = [raw]
     while left:
         one = left.pop()
         inner = one.items() if isinstance(one, dict) else enumerate(one) if isinstance(one, list) else ()
         for name, value in inner:
-            found.append((one, name))
+            result.append((one, name))
             left.append(value)
-    return found
+    return result
 
 
 def in_json(path: Path, change: Callable[[Any], None]) -> None:
@@ -202,13 +202,13 @@ def templates(path: Path) -> Iterator[tuple[str, Change]]:
     """Yield for each kind of template: every field in braces that a file's texts hold is written so."""
     if not re.search(r"\{\w+(:[^}]*)?\}", path.read_text(errors="replace")):
         return
-    for one in TEMPLATES:
+    for template in TEMPLATES:
 
-        def change(file: Path, one: str = one) -> None:
+        def change(file: Path, one: str = template) -> None:
             text = file.read_text()
             file.write_text(re.sub(r"\{(\w+)(:[^{}\"]*)?\}", lambda found: one % found.group(1), text))
 
-        yield f"templates are {one % 'x'}", change
+        yield f"templates are {template % 'x'}", change
 
 
 def values() -> Iterator[tuple[str, Change]]:

@@ -55,10 +55,10 @@ def load() -> None:
     """Import all of eyechart, but what needs a library that is not there or takes long; and the parsers it uses."""
     import eyechart  # noqa: PLC0415 - of the tree that is tried
 
-    for one in pkgutil.walk_packages(eyechart.__path__, "eyechart."):
-        if not any(name in one.name for name in ("huggingface", "ray", "drone", "__main__", "eyechart.inspect")):
+    for package in pkgutil.walk_packages(eyechart.__path__, "eyechart."):
+        if not any(name in package.name for name in ("huggingface", "ray", "drone", "__main__", "eyechart.inspect")):
             with suppress(ImportError):
-                importlib.import_module(one.name)
+                importlib.import_module(package.name)
     for name in _EXTRAS:
         with suppress(ImportError):
             importlib.import_module(name)
@@ -80,14 +80,14 @@ def limit(limits: Limits) -> None:
 
 def in_session(session: int) -> list[str]:
     """Return the processes of a session that run, each as its number and its name."""
-    found = []
-    for one in Path("/proc").glob("[0-9]*"):
+    result = []
+    for path in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            name, _, rest = (one / "stat").read_text().partition("(")[2].rpartition(")")
+            name, _, rest = (path / "stat").read_text().partition("(")[2].rpartition(")")
             state, _, _, its = rest.split()[:4]
             if int(its) == session and state != "Z":
-                found.append(f"{one.name} {name}")
-    return found
+                result.append(f"{path.name} {name}")
+    return result
 
 
 def begin(

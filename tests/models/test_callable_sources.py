@@ -60,7 +60,7 @@ def eye(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.syspath_prepend(str(tmp_path / "code" / "venv/lib/site-packages"))
     monkeypatch.syspath_prepend(str(tmp_path / "code"))
     yield name
-    for one in [one for one in sys.modules if one.startswith((name, "installed_thing"))]:
+    for one in [module for module in sys.modules if module.startswith((name, "installed_thing"))]:
         del sys.modules[one]
 
 
@@ -94,7 +94,7 @@ def test_what_it_does_not_import_and_what_is_installed_are_no_part_of_it(eye: st
 def test_it_is_the_same_wherever_the_folder_lies(eye: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """So that a run goes on on another machine."""
     before = version(eye)
-    for one in [one for one in sys.modules if one.startswith((eye, "installed_thing"))]:
+    for one in [module for module in sys.modules if module.startswith((eye, "installed_thing"))]:
         del sys.modules[one]
     (tmp_path / "code").rename(tmp_path / "moved")
     monkeypatch.syspath_prepend(str(tmp_path / "moved" / "venv/lib/site-packages"))

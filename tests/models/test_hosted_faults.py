@@ -17,7 +17,7 @@ from eyechart.models.faults import delay_s, kind_of_status
 from eyechart.modes import RequestMode, mode_text, read_mode
 from eyechart.prompts import PROMPTS
 from eyechart.run import Plan, execute
-from eyechart.spaces.space import ending, unanswered
+from eyechart.spaces.space import ending, why_unanswered
 from faults import SPENT, FaultServer, answer, completion, gemini
 
 QUERY = Query("Drive.", "Which action?", Stimulus(), 7)
@@ -134,7 +134,7 @@ def test_the_time_to_wait_is_read_wherever_it_stands(body: object, headers: dict
 def test_the_words_of_filters_are_refusals(word: str) -> None:
     """With what stands behind them."""
     assert ending(word) == "filtered"
-    assert unanswered(word, None) == "refused"
+    assert why_unanswered(word, None) == "refused"
 
 
 def test_what_stands_behind_another_word_makes_it_no_filters() -> None:
@@ -177,9 +177,9 @@ def test_a_frame_that_a_filter_always_blocks_ends_as_a_refusal(tmp_path: Path, m
 
     replies, left = run_on(tmp_path, blocks)
     assert left <= 3  # frames that came before any answer: nobody was there yet
-    blocked = [one for one in replies if one.finish_reason == "blocked" and one.error is None]
+    blocked = [reply for reply in replies if reply.finish_reason == "blocked" and reply.error is None]
     assert blocked
-    assert all(unanswered(one.finish_reason, one.error) == "refused" for one in blocked)
+    assert all(why_unanswered(reply.finish_reason, reply.error) == "refused" for reply in blocked)
 
 
 def test_a_server_that_never_answers_blocks_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,7 +192,7 @@ def test_a_server_that_never_answers_blocks_nothing(tmp_path: Path, monkeypatch:
 
     replies, left = run_on(tmp_path, empty, attempts=2)
     assert left == 6
-    assert all(one.error == "unreadable" for one in replies)
+    assert all(reply.error == "unreadable" for reply in replies)
 
 
 AZURE = "https://r.openai.azure.com/openai/deployments/d?api-version=2024-10-21"

@@ -50,7 +50,7 @@ def test_every_organism_declares_labels_that_there_are() -> None:
     for one in (organisms.ORGANISMS | organisms.PLANNERS).values():
         assert one.calibrated in LABELS
         assert one.lateral in {"turns_clear", "swaps", "does_not_swap", "one_sided", "no_power"}
-    assert all(one.fails <= CLAUSES.keys() for one in organisms.ESTIMATORS.values())
+    assert all(estimator.fails <= CLAUSES.keys() for estimator in organisms.ESTIMATORS.values())
 
 
 @pytest.mark.parametrize(("field", "value"), [("headers", {"X-Title": "eyechart"}), ("key_env", "MY_KEY")])

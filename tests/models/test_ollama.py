@@ -121,9 +121,9 @@ def test_two_models_of_a_server_are_asked_one_after_another(
     bank = banks.build_bank(folder / "bank", scenarios=["light", "dense"], episodes=1)
     at = {"base_url": f"http://127.0.0.1:{server.port}", "probe": False, "conditions": ("real", "blank")}
     report = run_battery(bank, ["ollama:llava", "ollama:qwen3-vl:8b"], folder / "run", **at)  # type: ignore[arg-type]
-    order = [one for place, one in enumerate(server.events) if one != ([None, *server.events])[place]]
+    order = [event for place, event in enumerate(server.events) if event != ([None, *server.events])[place]]
     assert order == ["ask llava", "unload llava", "ask qwen3-vl:8b", "unload qwen3-vl:8b"]
-    assert {one["weights_gb"] for one in report.score.manifest.facts.values()} == {"7e-09"}
+    assert {fact["weights_gb"] for fact in report.score.manifest.facts.values()} == {"7e-09"}
 
 
 def test_several_cameras_are_sent_in_their_order(server: StandIn) -> None:

@@ -16,7 +16,7 @@ from aiohttp import web
 from eyechart.calls import Query, Reply, bounded
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
-from eyechart.limits import asks_too_much
+from eyechart.limits import is_asking_too_much
 from eyechart.models import Model, open_model
 from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
@@ -208,7 +208,7 @@ def test_json_of_another_shape_is_unreadable(body: object) -> None:
 def test_a_wait_beyond_every_bound_is_a_long_wait(said: str) -> None:
     """And not one that was never asked for: the model is set aside."""
     with says(lambda: refuse(429, "busy", {"Retry-After": said})) as server:
-        assert asks_too_much(bounded(ask(server)))
+        assert is_asking_too_much(bounded(ask(server)))
 
 
 @pytest.mark.parametrize(

@@ -130,6 +130,6 @@ def test_a_structured_mode_is_asked_by_its_name(tmp_path: Path, monkeypatch: pyt
         assert one["options"] == {"num_predict": 1024, "temperature": 0.0}
         assert isinstance(one["format"], dict)
         assert one.get("think") is (False if one["model"] == "gemma4:12b" else None)
-    order = [one for place, one in enumerate(server.events) if one != ([None, *server.events])[place]]
+    order = [event for place, event in enumerate(server.events) if event != ([None, *server.events])[place]]
     assert order == [f"{what} {name}" for name in names for what in ("ask", "unload")]
     assert read_manifest(tmp_path / "run").modes["ollama:gemma4:12b"].about["tested"] == "no"

@@ -100,8 +100,8 @@ def test_the_demo_finds_every_policy_as_it_was_trained(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["demo", "--policy", "--out", str(tmp_path / "demo")])
     assert done.exit_code == 0, done.output
     assert "6 of 6 policies got the labels that they were trained for." in done.stdout
-    found = CliRunner().invoke(app, ["verdict", str(tmp_path / "demo" / "run-privileged-0"), "--json"])
-    one = json.loads(found.stdout)["policies"]["trained:privileged"]
+    result = CliRunner().invoke(app, ["verdict", str(tmp_path / "demo" / "run-privileged-0"), "--json"])
+    one = json.loads(result.stdout)["policies"]["trained:privileged"]
     assert (one["camera"], one["state"]) == ("ignores_camera", "state_shortcut")
     assert one["channels"]["cameras"]["n"] == 72
     again = CliRunner().invoke(app, ["demo", "--policy", "--out", str(tmp_path / "demo")])

@@ -266,14 +266,14 @@ def answers_of(model: Hosted, bank: FrameBank) -> dict[str, list[str]]:
         for gap, row in zip(GAPS_M, model.at_gap, strict=True)
     }
     real = [waiting[frame.truth["lead_gap_m"]].pop(0) for frame in bank]
-    found = {"real": real} | {name: deal(real, column.counts, column.agree) for name, column in model.columns.items()}
+    answers = {"real": real} | {name: deal(real, column.counts, column.agree) for name, column in model.columns.items()}
     has_direction = [name in DRIVING.directional for name in real]
     wanted = [DRIVING.reflect(name) for name, turned in zip(real, has_direction, strict=True) if turned]
     others = [name for name, turned in zip(real, has_direction, strict=True) if not turned]
     shared = sum(min(others.count(name), n) for name, n in zip(ANSWERS, model.unturned, strict=True))
     turned, unturned = iter(deal(wanted, model.turned, model.swaps)), iter(deal(others, model.unturned, shared))
-    found["mirrored"] = [next(turned) if each else next(unturned) for each in has_direction]
-    return found
+    answers["mirrored"] = [next(turned) if each else next(unturned) for each in has_direction]
+    return answers
 
 
 def reply(answer: str, number: int, *, cut: bool) -> Reply:

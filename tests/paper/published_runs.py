@@ -294,11 +294,11 @@ def _decided(spec: str, platform: str, counts: Mapping[str, Sequence[int]]) -> l
         for number in range(many)
     ]
     moments = [moments[place] for place in np.random.default_rng(0).permutation(len(moments))]
-    found = []
+    result = []
     for number, start in enumerate(range(0, len(moments), 20)):
         mine = moments[start : start + 20]
         key = EpisodeKey(spec, platform, drives.SCENARIOS[number % 4], number // 4)
         whole = drives.episode(key, lambda _truth, step, _seed, mine=mine: mine[step][0], steps=len(mine))
-        steps = [replace(one, truth={"lead_gap_m": mine[one.step][1]}) for one in whole.steps]
-        found.append(replace(whole, steps=tuple(steps)))
-    return found
+        steps = [replace(step, truth={"lead_gap_m": mine[step.step][1]}) for step in whole.steps]
+        result.append(replace(whole, steps=tuple(steps)))
+    return result

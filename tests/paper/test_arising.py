@@ -46,8 +46,8 @@ def ask(bank: FrameBank, tmp_path: Path) -> Ask:
 
 def note(verdict: Verdict, begins: str) -> str:
     """Return the one note that begins with these words."""
-    (found,) = [one for one in verdict.notes if one.startswith(begins)]
-    return found
+    (result,) = [one for one in verdict.notes if one.startswith(begins)]
+    return result
 
 
 def absent(verdict: Verdict, *begin: str) -> bool:

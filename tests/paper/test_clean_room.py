@@ -44,7 +44,7 @@ def test_it_is_short_and_imports_nothing_of_the_house() -> None:
     assert len(text.splitlines()) <= 200
     nodes = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
     names = {name for node in nodes for name in ([node.module] if isinstance(node, ast.ImportFrom) else [])}
-    names |= {one.name for node in nodes if isinstance(node, ast.Import) for one in node.names}
+    names |= {name.name for node in nodes if isinstance(node, ast.Import) for name in node.names}
     assert {name.partition(".")[0] for name in names} <= sys.stdlib_module_names
 
 

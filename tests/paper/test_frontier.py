@@ -74,7 +74,7 @@ def scored(run: Path) -> battery.BatteryScore:
 @pytest.fixture(scope="module")
 def columns(scored: battery.BatteryScore) -> dict[str, dict[str, str]]:
     """Return the columns of the table that we print."""
-    return {spec: frontier_rows(one) for spec, one in scored.models.items()}
+    return {spec: frontier_rows(model) for spec, model in scored.models.items()}
 
 
 def test_the_bank_has_the_papers_gaps(scored: battery.BatteryScore) -> None:
@@ -167,10 +167,10 @@ def test_k26_brakes_far_and_proceeds_near(scored: battery.BatteryScore) -> None:
 
 def test_k3_looks_dependent_on_every_test_but_its_noise_floor(scored: battery.BatteryScore) -> None:
     """V at p < 1e-4 and I(A;g) at p < .05, and yet IDI .771 is not above 1.5 s: the paper's fourth regime."""
-    found = scored.models["Kimi-K3"].statistics
-    assert found["cramers_v"].p < 1e-4
-    assert found["mutual_information.decision"].p < 0.05
-    assert found["idi"].value == pytest.approx(0.771, abs=5e-4)
+    statistics = scored.models["Kimi-K3"].statistics
+    assert statistics["cramers_v"].p < 1e-4
+    assert statistics["mutual_information.decision"].p < 0.05
+    assert statistics["idi"].value == pytest.approx(0.771, abs=5e-4)
     assert judge(scored)["Kimi-K3"].paper.decided_by == "clears_floor"
 
 
@@ -197,12 +197,12 @@ def test_a_refusal_of_blanks_is_an_effect_on_outputs_only(tmp_path: Path) -> Non
     """54 of 144 blank and 1 of 144 real replies fail to parse, one action otherwise: V = .46 and V = 0, p = 1."""
     bank = hosted.build_bank(tmp_path / "bank")
     score = battery.score(hosted.write_ledger(tmp_path / "run", bank, {"refuses": hosted.REFUSES_BLANKS}))
-    found = score.models["refuses"].statistics
-    response, decision = found["cramers_v_real_blank"], found["cramers_v_real_blank.decision"]
+    statistics = score.models["refuses"].statistics
+    response, decision = statistics["cramers_v_real_blank"], statistics["cramers_v_real_blank.decision"]
     assert response.value == pytest.approx(0.46, abs=5e-3)
     assert response.p < 1e-4
     assert (decision.value, decision.p) == (0.0, 1.0)
-    assert found["refusal_effect"].value == 1.0
+    assert statistics["refusal_effect"].value == 1.0
     assert judge(score)["refuses"].paper.label == "refusal_effect"
 
 
@@ -218,10 +218,10 @@ def test_a_policy_that_reads_its_pixels_shows_in_v_and_hardly_in_idi(
     hosted.build_symmetric_bank(tmp_path / "bank", lopsided=12)
     battery.run(battery.plan(tmp_path / "bank", ["pixels:symmetric"], tmp_path / "run"))
     score = battery.score(tmp_path / "run")
-    found = score.models["pixels:symmetric"].statistics
-    assert found["idi"].value == 12 / 144
-    assert found["cramers_v_real_blank"].value == pytest.approx(0.21, abs=0.01)
-    assert f"{found['cramers_v'].value:.3f}".lstrip("0") == ".583"  # as docs/paper.md says
-    assert found["cramers_v"].ci[0] > 0.4
-    assert found["cramers_v"].p < 1e-4
-    assert (found["mirror_swap_rate"].value, found["mirror_swap_rate"].n) == (1.0, 12)
+    statistics = score.models["pixels:symmetric"].statistics
+    assert statistics["idi"].value == 12 / 144
+    assert statistics["cramers_v_real_blank"].value == pytest.approx(0.21, abs=0.01)
+    assert f"{statistics['cramers_v'].value:.3f}".lstrip("0") == ".583"  # as docs/paper.md says
+    assert statistics["cramers_v"].ci[0] > 0.4
+    assert statistics["cramers_v"].p < 1e-4
+    assert (statistics["mirror_swap_rate"].value, statistics["mirror_swap_rate"].n) == (1.0, 12)

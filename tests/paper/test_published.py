@@ -62,7 +62,7 @@ def test_every_label_is_written(out: Path) -> None:
     assert LABELS.keys() - names == {"fgr:vlm-interface"}
 
 
-@pytest.mark.parametrize(("row", "model", "cell"), [one for one in cells() if one[:2] not in NOT_DETERMINED])
+@pytest.mark.parametrize(("row", "model", "cell"), [cell for cell in cells() if cell[:2] not in NOT_DETERMINED])
 def test_the_frontier_is_the_papers(out: Path, row: str, model: str, cell: str) -> None:
     """Every cell of Table t:frontier but four p of random draws."""
     assert shown(out, "t-frontier")[row][MODELS.index(model)] == cell
@@ -71,9 +71,9 @@ def test_the_frontier_is_the_papers(out: Path, row: str, model: str, cell: str) 
 def test_the_order_of_gaps_is_the_papers(out: Path) -> None:
     """Counts, medians and reflections of both grounded models."""
     found = {
-        (one["model"], one["action"]): (one["n"], one["med. gap (m)"], one["under reflection"])
-        for one in rows(out, "t-qwenorder")
-        if one["model"] in MODELS[:2]
+        (row["model"], row["action"]): (row["n"], row["med. gap (m)"], row["under reflection"])
+        for row in rows(out, "t-qwenorder")
+        if row["model"] in MODELS[:2]
     }
     qwen, cosmos = MODELS[:2]
     assert found == {
@@ -180,15 +180,15 @@ def test_the_audit_has_the_papers_shares_and_bits(out: Path) -> None:
     """All eight cells of Table t:degeneracy but p, which depends on counts that the paper does not print."""
     text = unescape((out / "t-degeneracy.md").read_text(encoding="utf-8")).replace("\\", "").replace("—", "---")
     lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()]
-    found = {(one[0], one[1].rpartition(" ")[2]): one[2:6] for one in lines if one[0] in {"drone", "rover"}}
+    found = {(line[0], line[1].rpartition(" ")[2]): line[2:6] for line in lines if line[0] in {"drone", "rover"}}
     assert found == {(where, model): cells for where, model, *cells in map(str.split, EDGE.strip().splitlines())}
 
 
 def test_the_family_of_the_audit_are_the_cells_that_vary(out: Path) -> None:
     """Holm over four; the second of eight could not be the paper's .037, whatever the permutations gave."""
     found = rows(out, "t-degeneracy")
-    assert sum(one["p"] == "" for one in found) == 4
-    smallest = min(float(one["p"]) for one in found if one["p"])
+    assert sum(row["p"] == "" for row in found) == 4
+    smallest = min(float(row["p"]) for row in found if row["p"])
     assert smallest == pytest.approx(4 / 5001)
     second = {f"{7 * k / 5001:.3f}" for k in range(1, 5002)}
     assert "0.037" not in second
@@ -198,7 +198,7 @@ def test_the_family_of_the_audit_are_the_cells_that_vary(out: Path) -> None:
 @pytest.mark.parametrize("prompt", published_runs.PROMPTS)
 def test_the_prompts_are_the_papers(out: Path, prompt: str) -> None:
     """Modal share, distinct outputs and IDI of every cell of Table t:prompts."""
-    found = {one["model"]: one for one in rows(out, "t-prompts") if one["prompt"] == prompt}
+    found = {row["model"]: row for row in rows(out, "t-prompts") if row["prompt"] == prompt}
     wanted = published_runs.PROMPTS[prompt]
     assert {spec: [float(found[spec][name]) for name in ("modal", "n_a", "IDI")] for spec in found} == {
         spec: [modal / 100, distinct, pytest.approx(changed / 100)]
@@ -216,8 +216,8 @@ def test_rates_of_the_vectors_stand_in_the_tables(out: Path) -> None:
         "Qwen2.5-VL": "Qwen2.5-VL-7B",
         "MiniCPM": "MiniCPM-V-4.5",
     }
-    table = {one["estimator"]: one for one in rows(out, "t-controller-local")}
-    checked = [one for one in vectors if one["id"].startswith("local_") and one["kind"] == "rate"]
+    table = {row["estimator"]: row for row in rows(out, "t-controller-local")}
+    checked = [vector for vector in vectors if vector["id"].startswith("local_") and vector["kind"] == "rate"]
     assert len(checked) == 16
     for one in checked:
         _, model, figure = one["id"].split("_", 2)

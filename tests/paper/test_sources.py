@@ -83,14 +83,14 @@ def prose(path: Path) -> Iterator[str]:
 
 def claims(text: str) -> list[str]:
     """Return the numbers within some words of the paper's name."""
-    found = []
+    result = []
     for sentence in SENTENCE.split(text):
         named = list(NAMED.finditer(sentence))
         for one in NUMBER.finditer(sentence):
             between = (sentence[min(a.end(), one.end()) : max(a.start(), one.start())] for a in named)
             if min((len(words.split()) for words in between), default=WORDS + 1) <= WORDS:
-                found.append(one[0])
-    return found
+                result.append(one[0])
+    return result
 
 
 def numbers_of(line: str) -> set[float]:
@@ -112,18 +112,18 @@ def test_a_number_beside_the_papers_name_is_found(text: str, numbers: list[str] 
     """Before and behind it, in the constant that a docstring is of, and as published."""
     file = tmp_path / "one.py"
     file.write_text(text)
-    found = [one for said in prose(file) for one in claims(said)]
+    found = [claim for said in prose(file) for claim in claims(said)]
     assert found == (["18", "81", "24", "219", "220"] if numbers is None else numbers)
 
 
 def test_every_number_beside_the_papers_name_is_of_a_line_that_prints_it() -> None:
     """Or stands in the list of what is none of the paper's; the lists hold nothing that is not said."""
     said = {
-        (path.relative_to(ROOT).as_posix(), one)
+        (path.relative_to(ROOT).as_posix(), claim)
         for path in FILES
         if path.suffix in {".py", ".md"} and path.name not in WITHOUT
         for text in prose(path)
-        for one in claims(text)
+        for claim in claims(text)
     }
     listed = {
         (file, number): (kind, word)
@@ -140,7 +140,7 @@ def test_every_number_beside_the_papers_name_is_of_a_line_that_prints_it() -> No
 
 def test_the_lines_hold_numbers_that_the_paper_prints() -> None:
     """By its copy, as numbers or as counts; and each line is somebody's source."""
-    counted = {float(part) for one in COUNTS for part in one.split("/")}
+    counted = {float(part) for count in COUNTS for part in count.split("/")}
     for name, line in CLAIMS["lines"].items():
         printed = {float(one) for one in re.findall(r"(?<![\w.^-])\d+(?:\.\d+)?", line)}
         assert {one for one in printed if one > 10 or one % 1} <= NUMBERS | counted, name
@@ -156,7 +156,7 @@ def plain(text: str) -> str:
 def test_every_section_and_label_that_is_named_as_a_source_is_in_the_paper() -> None:
     """By its title, or the label of its table or figure; where there are two, also the one behind 'and' or a comma."""
     named, unknown = 0, []
-    titles = sorted((plain(one) for one in SECTIONS), key=len, reverse=True)
+    titles = sorted((plain(section) for section in SECTIONS), key=len, reverse=True)
     for path in FILES:
         text = path.read_text(encoding="utf-8")
         unknown += [f"{path.name}: {one}" for one in LABEL.findall(text) if one not in LABELS]
@@ -189,7 +189,7 @@ def test_rows_that_stand_beside_ours_are_the_papers() -> None:
     intents = [*INTENT.values(), *(row for rows in MODELS.values() for row in rows.values())]
     assert {count for goals, crashes, _, _ in intents for count in (goals, crashes)} <= COUNTS
     numbers = [one for *_, metres, stops in intents for one in (metres, stops and round(100 * stops, 1))]
-    assert all(one in NUMBERS for one in numbers if one is not None)
+    assert all(number in NUMBERS for number in numbers if number is not None)
     assert all(float(value) in NUMBERS for value in CONTROL)
 
 

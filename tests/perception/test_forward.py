@@ -44,8 +44,8 @@ def scene(seed: int) -> tuple[Eye, list[Cylinder]]:
 def gap_of(eye: Eye, bodies: list[Cylinder], track: int) -> float | None:
     """Return the distance to the nearest body in a track's corridor, by the geometry."""
     reach = ROVER.radius_m + ROVER.margin_m
-    inside = [one for one in bodies if abs(one.y - ROVER.tracks_m[track]) < one.radius + reach]
-    return min((one.x - one.radius - eye.x for one in inside), default=None)
+    inside = [body for body in bodies if abs(body.y - ROVER.tracks_m[track]) < body.radius + reach]
+    return min((body.x - body.radius - eye.x for body in inside), default=None)
 
 
 def test_the_gap_is_read_to_centimetres() -> None:

@@ -23,7 +23,7 @@ def large_sample(kind: str = "PNG") -> Sample:
     """Return the built-in sample with pictures of 640×400 pixels in this format."""
     plain = default_sample()
     asked = [
-        (prompt, replace(seen, images={name: enlarged(one, kind) for name, one in seen.images.items()}))
+        (prompt, replace(seen, images={name: enlarged(image, kind) for name, image in seen.images.items()}))
         for prompt, seen in plain.asked
     ]
     return replace(plain, asked=asked)
@@ -32,9 +32,9 @@ def large_sample(kind: str = "PNG") -> Sample:
 def pinned(endpoint: Endpoint) -> ProbeResult:
     """Return what the probe finds of an endpoint that is asked about large pictures."""
     with FaultServer([endpoint]) as server:
-        found = probe(RequestMode("openai:m", base_url=server.base_url), sample=large_sample())
-        assert server.requests == found.spent.calls <= MOST_CALLS
-        return found
+        result = probe(RequestMode("openai:m", base_url=server.base_url), sample=large_sample())
+        assert server.requests == result.spent.calls <= MOST_CALLS
+        return result
 
 
 @pytest.mark.parametrize(

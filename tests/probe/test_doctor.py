@@ -27,72 +27,78 @@ PRICED = Prices((Price("openai:m", 1000.0, 1000.0, "2026-01-01", "a test"),))
 def examined(seed: int = 0, **what: object) -> Diagnosis:
     """Return what the doctor finds of an endpoint; it makes no more calls than it says, and tells them all."""
     with served(**what) as server:
-        found = doctor(RequestMode("openai:m", base_url=server.base_url), seed=seed)
-        assert found.spent.calls == server.requests <= MOST_CALLS
-        return found
+        result = doctor(RequestMode("openai:m", base_url=server.base_url), seed=seed)
+        assert result.spent.calls == server.requests <= MOST_CALLS
+        return result
 
 
 def test_one_that_looks_is_told_to_see() -> None:
     """All right, against what guessing gives; it repeats itself, a schema binds, and no cause is made up."""
-    found = examined()
-    assert (found.outcome, found.exit_code, found.causes) == ("sees", 0, ())
-    assert found.sight.because == "14 of 14 right, where guessing gives 2.4 (p <10⁻⁴)"
-    assert (found.sight.same, found.sight.image_tokens) == ((3, 3), 85)
-    assert (found.schema_binds, found.budget_enough) == (True, True)
+    diagnosis = examined()
+    assert (diagnosis.outcome, diagnosis.exit_code, diagnosis.causes) == ("sees", 0, ())
+    assert diagnosis.sight.because == "14 of 14 right, where guessing gives 2.4 (p <10⁻⁴)"
+    assert (diagnosis.sight.same, diagnosis.sight.image_tokens) == ((3, 3), 85)
+    assert (diagnosis.schema_binds, diagnosis.budget_enough) == (True, True)
 
 
 def test_one_that_drops_pictures_is_told_to_be_blind() -> None:
     """prompt_tokens do not change, and its own words say so."""
-    found = examined(sees=False, counts_pictures=False)
-    assert (found.outcome, found.exit_code) == ("blind", 1)
-    assert "the picture is dropped on the way" in found.causes[0]
-    assert "prompt_tokens do not change with a picture" in found.causes[0]
-    assert "14 of 14 replies say themselves that there is no picture" in found.causes[1]
+    diagnosis = examined(sees=False, counts_pictures=False)
+    assert (diagnosis.outcome, diagnosis.exit_code) == ("blind", 1)
+    assert "the picture is dropped on the way" in diagnosis.causes[0]
+    assert "prompt_tokens do not change with a picture" in diagnosis.causes[0]
+    assert "14 of 14 replies say themselves that there is no picture" in diagnosis.causes[1]
 
 
 def test_one_that_counts_the_picture_and_does_not_use_it_is_told_from_a_proxy() -> None:
     """Another cause, for the same outcome."""
-    found = examined(sees=False)
-    assert (found.outcome, found.exit_code) == ("blind", 1)
-    assert "the server counts the picture (85 tokens), and the replies do not follow it" in found.causes[0]
+    diagnosis = examined(sees=False)
+    assert (diagnosis.outcome, diagnosis.exit_code) == ("blind", 1)
+    assert "the server counts the picture (85 tokens), and the replies do not follow it" in diagnosis.causes[0]
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_cache_by_words_is_told_from_a_blind_model_and_from_one_that_sees(seed: int) -> None:
     """Different pictures got one reply where the words were the same, and the right ones where they were new."""
-    found = examined(seed, cache="words")
-    assert (found.outcome, found.exit_code) == ("blind", 1)
-    assert found.causes[0].startswith("a cache between here and the model finds replies by their words")
-    assert found.scores()["words never sent before"].value == 1.0
-    assert "identical reply whenever the words were the same" in found.sight.because
+    diagnosis = examined(seed, cache="words")
+    assert (diagnosis.outcome, diagnosis.exit_code) == ("blind", 1)
+    assert diagnosis.causes[0].startswith("a cache between here and the model finds replies by their words")
+    assert diagnosis.scores()["words never sent before"].value == 1.0
+    assert "identical reply whenever the words were the same" in diagnosis.sight.because
 
 
 def test_one_that_sees_and_is_noisy_is_told_to_see() -> None:
     """Half of its answers are drawn."""
-    found = examined(noise=0.5)
-    assert (found.outcome, found.exit_code) == ("sees", 0)
-    assert found.sight.score().value < 0.8
+    diagnosis = examined(noise=0.5)
+    assert (diagnosis.outcome, diagnosis.exit_code) == ("sees", 0)
+    assert diagnosis.sight.score().value < 0.8
 
 
 def test_a_text_only_backend_is_told_by_its_refusals() -> None:
     """It answers words and refuses pictures; three calls suffice."""
-    found = examined(takes_pictures=False)
-    assert (found.outcome, found.exit_code, found.spent.calls) == ("blind", 1, 3)
-    assert found.causes[0].startswith("text-only backend: it answers text, and refuses pictures (HTTP 400: this model")
+    diagnosis = examined(takes_pictures=False)
+    assert (diagnosis.outcome, diagnosis.exit_code, diagnosis.spent.calls) == ("blind", 1, 3)
+    assert diagnosis.causes[0].startswith(
+        "text-only backend: it answers text, and refuses pictures (HTTP 400: this model"
+    )
 
 
 def test_a_schema_that_is_ignored_is_told() -> None:
     """The plain word comes that the schema forbids."""
-    found = examined(binds_schema=False)
-    assert (found.outcome, found.schema_binds) == ("sees", False)
-    assert found.schema_says == "asked for YES, got 'YES'"
+    diagnosis = examined(binds_schema=False)
+    assert (diagnosis.outcome, diagnosis.schema_binds) == ("sees", False)
+    assert diagnosis.schema_says == "asked for YES, got 'YES'"
 
 
 def test_a_model_that_refuses_fields_is_asked_without_them() -> None:
     """And what was changed is said."""
-    found = examined(only_new_tokens=True, only_default_temperature=True)
-    assert (found.outcome, found.mode.token_field, found.mode.temperature) == ("sees", "max_completion_tokens", None)
-    assert found.notes == (
+    diagnosis = examined(only_new_tokens=True, only_default_temperature=True)
+    assert (diagnosis.outcome, diagnosis.mode.token_field, diagnosis.mode.temperature) == (
+        "sees",
+        "max_completion_tokens",
+        None,
+    )
+    assert diagnosis.notes == (
         "max_tokens is refused: --token-field max_completion_tokens is used",
         "temperature 0 is refused: --temperature default is used",
     )
@@ -100,17 +106,17 @@ def test_a_model_that_refuses_fields_is_asked_without_them() -> None:
 
 def test_a_budget_that_is_too_small_is_no_blindness() -> None:
     """Nobody can say, and the cause is the budget."""
-    found = examined(thinks=3000)
-    assert (found.outcome, found.exit_code, found.budget_enough) == ("cannot_say", 2, False)
-    assert "14 of 14 replies were cut off at the budget of 1024 tokens" in found.causes[0]
+    diagnosis = examined(thinks=3000)
+    assert (diagnosis.outcome, diagnosis.exit_code, diagnosis.budget_enough) == ("cannot_say", 2, False)
+    assert "14 of 14 replies were cut off at the budget of 1024 tokens" in diagnosis.causes[0]
 
 
 def test_a_model_of_one_answer_is_not_called_blind() -> None:
     """It answers no question, so that its errors prove nothing; what is known of the picture is told."""
-    found = examined(dumb='{"action": "STOP"}')
-    assert (found.outcome, found.exit_code) == ("cannot_say", 2)
-    assert "14 of 14 replies name none of the choices" in found.causes[0]
-    assert "The server counts the picture (85 tokens)" in found.causes[0]
+    diagnosis = examined(dumb='{"action": "STOP"}')
+    assert (diagnosis.outcome, diagnosis.exit_code) == ("cannot_say", 2)
+    assert "14 of 14 replies name none of the choices" in diagnosis.causes[0]
+    assert "The server counts the picture (85 tokens)" in diagnosis.causes[0]
 
 
 @pytest.mark.parametrize(
@@ -171,11 +177,11 @@ DEALS = [questions(seed) for seed in range(10)]
 def replied(say: Say, number: int) -> SightAnswers:
     """Return a sight of replies that were made up, to one of ten deals."""
     dice = random.Random(number)  # noqa: S311
-    found = SightAnswers()
+    sightanswers = SightAnswers()
     for question in DEALS[number % len(DEALS)]:
         reply = Reply(say(question.kind, dice), "stop", seconds=0.1)
-        found.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
-    return found
+        sightanswers.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
+    return sightanswers
 
 
 GUESSERS: dict[str, Say] = {
@@ -190,15 +196,15 @@ def looking(again_s: float, again: str = "", later_s: float = 0.5, say: str = ""
 
     Same words, asked again, took ``later_s``.
     """
-    found, asked = SightAnswers(), set[str]()
+    result, asked = SightAnswers(), set[str]()
     for question in DEALS[0]:
         seconds = later_s if question.words in asked else 0.5
         asked.add(question.words)
         reply = Reply(say or question.answer, "stop", seconds=seconds)
-        found.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
-    first = found.shots[0].reply.text
-    found.again = [Reply(again or first, "stop", seconds=again_s)] * 2
-    return found
+        result.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
+    first = result.shots[0].reply.text
+    result.again = [Reply(again or first, "stop", seconds=again_s)] * 2
+    return result
 
 
 def causes(sight: SightAnswers) -> str:
@@ -271,12 +277,12 @@ def doctored(handle: Callable[[bool, int], web.Response | None]) -> Diagnosis:
 
     It is told whether a picture was sent, and the number of the call.
     """
-    seen = Endpoint()
+    endpoint = Endpoint()
 
     async def answers(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
         numbers.append(0)
         found = handle(read(asked)[1] is not None, len(numbers))
-        return await seen(request, asked, attempt) if found is None else found
+        return await endpoint(request, asked, attempt) if found is None else found
 
     numbers: list[int] = []
     with FaultServer([answers]) as server:
@@ -299,9 +305,9 @@ def doctored(handle: Callable[[bool, int], web.Response | None]) -> Diagnosis:
 )
 def test_why_pictures_are_refused_is_told_apart(status: int, detail: str, cause: str) -> None:
     """Too long, only by http, or text-only, however it is spelled."""
-    found = doctored(lambda picture, _: refuse(status, detail) if picture else None)
-    assert (found.outcome, found.exit_code) == ("blind", 1)
-    assert cause in found.causes[0]
+    diagnosis = doctored(lambda picture, _: refuse(status, detail) if picture else None)
+    assert (diagnosis.outcome, diagnosis.exit_code) == ("blind", 1)
+    assert cause in diagnosis.causes[0]
 
 
 TOOL = {"role": "assistant", "content": None, "tool_calls": [{"id": "x", "type": "function", "function": {}}]}
@@ -328,10 +334,10 @@ def test_what_came_in_place_of_an_answer_is_named_first(message: dict[str, objec
         said["choices"][0]["message"] = message  # type: ignore[index]
         return web.json_response(said)
 
-    found = doctored(say)
-    assert found.outcome == "cannot_say"
-    assert cause in found.causes[0]
-    assert not any("too weak" in one or "are empty" in one for one in found.causes)
+    diagnosis = doctored(say)
+    assert diagnosis.outcome == "cannot_say"
+    assert cause in diagnosis.causes[0]
+    assert not any("too weak" in one or "are empty" in one for one in diagnosis.causes)
 
 
 def test_pictures_that_a_filter_takes_are_counted_whatever_else_is_seen() -> None:
@@ -342,13 +348,13 @@ def test_pictures_that_a_filter_takes_are_counted_whatever_else_is_seen() -> Non
     )
     ends = doctored(lambda picture, at: answer("", "content_filter") if picture and at % 4 == 0 else None)
     for found in (status, ends):
-        assert any("of 14 pictures or replies were filtered" in one for one in found.causes)
+        assert any("of 14 pictures or replies were filtered" in cause for cause in found.causes)
 
 
 @pytest.mark.parametrize(("by", "smallest"), [(1, 6), (8, 12), (24, 64), (200, None)])
 def test_acuity_is_the_smallest_gap_that_arrives(by: int, smallest: int | None) -> None:
     """A server that makes pictures smaller loses it; drawn shapes of a quarter of the picture do not tell."""
-    seen = Endpoint()
+    endpoint = Endpoint()
 
     async def shrinks(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
         picture = read(asked)[1]
@@ -359,7 +365,7 @@ def test_acuity_is_the_smallest_gap_that_arrives(by: int, smallest: int | None) 
             small.resize(whole.size, Image.Resampling.NEAREST).save(written, "PNG")
             url = f"data:image/png;base64,{base64.b64encode(written.getvalue()).decode()}"
             asked["messages"][-1]["content"][0]["image_url"]["url"] = url  # type: ignore[index]
-        return await seen(request, asked, attempt)
+        return await endpoint(request, asked, attempt)
 
     with FaultServer([shrinks]) as server:
         found = doctor(RequestMode("openai:m", base_url=server.base_url))

@@ -20,15 +20,15 @@ def pinned(prompt: str = "baseline", given: dict[str, object] | None = None, **w
     fields = given or {}
     with served(**what) as server:
         mode = RequestMode.from_dict({"spec": "openai:m", "base_url": server.base_url, **fields})
-        found = probe(mode, fixed=fields, sample=default_sample(prompt))
-        assert found.spent.calls == server.requests == found.measured.calls <= MOST_CALLS
-        return found
+        result = probe(mode, fixed=fields, sample=default_sample(prompt))
+        assert result.spent.calls == server.requests == result.measured.calls <= MOST_CALLS
+        return result
 
 
 def test_what_is_measured_stands_in_the_mode_and_its_file(tmp_path: Path) -> None:
     """Tokens, seconds, what the picture adds, what binds and matters, and what names the model."""
-    found = pinned()
-    measured = found.measured
+    result = pinned()
+    measured = result.measured
     assert (measured.sees_image, measured.image_tokens, measured.completion_tokens_max) == (True, 85, 3)
     assert measured.prompt_tokens == 85 + len(default_sample().query(0).user.split())
     assert (measured.schema_binds, measured.temperature_matters, measured.seed_matters) == (True, True, True)
@@ -36,8 +36,8 @@ def test_what_is_measured_stands_in_the_mode_and_its_file(tmp_path: Path) -> Non
     assert measured.seconds >= measured.seconds_min > 0
     assert measured.facts["served"] == "fault-model-2026-01-01 fp_1"
     assert measured.facts["picture"] == "14 of 14 right, where guessing gives 2.4 (p <10⁻⁴)"
-    write_mode(tmp_path / "mode.toml", found.mode)
-    assert read_mode(tmp_path / "mode.toml") == found.mode
+    write_mode(tmp_path / "mode.toml", result.mode)
+    assert read_mode(tmp_path / "mode.toml") == result.mode
 
 
 def test_a_schema_is_pinned_where_it_binds_and_the_prompt_asks_for_json() -> None:
@@ -46,24 +46,24 @@ def test_a_schema_is_pinned_where_it_binds_and_the_prompt_asks_for_json() -> Non
     assert pinned("baseline").mode.structured == "none"
     ignored = pinned("structured", binds_schema=False)
     assert (ignored.mode.structured, ignored.measured.schema_binds) == ("none", False)
-    asked = pinned("structured", {"structured": "json_schema"}, binds_schema=False)
-    assert asked.mode.structured == "json_schema"
-    assert "the mode has a schema, but the probe did not see it bind" in asked.notes[0]
+    result = pinned("structured", {"structured": "json_schema"}, binds_schema=False)
+    assert result.mode.structured == "json_schema"
+    assert "the mode has a schema, but the probe did not see it bind" in result.notes[0]
 
 
 def test_fields_that_are_refused_are_found_by_the_error() -> None:
     """A hosted model that thinks takes another token field, no temperature, and no unknown field."""
-    found = pinned(only_new_tokens=True, only_default_temperature=True, refuses_unknown=True)
-    assert (found.mode.token_field, found.mode.temperature, found.mode.seed) == ("max_completion_tokens", None, True)
-    assert (found.measured.unknown_fields_ignored, found.measured.temperature_matters) == (False, None)
-    assert len(found.notes) == 3
+    result = pinned(only_new_tokens=True, only_default_temperature=True, refuses_unknown=True)
+    assert (result.mode.token_field, result.mode.temperature, result.mode.seed) == ("max_completion_tokens", None, True)
+    assert (result.measured.unknown_fields_ignored, result.measured.temperature_matters) == (False, None)
+    assert len(result.notes) == 3
 
 
 @pytest.mark.parametrize(("needs", "budget"), [(3, 256), (200, 448), (700, 1408), (9000, 18048)])
 def test_the_budget_grows_until_replies_complete_and_gets_a_margin(needs: int, budget: int) -> None:
     """Twice the longest complete reply, in steps of 64, and 256 at least."""
-    found = pinned(thinks=needs)
-    assert (found.mode.max_tokens, found.measured.completion_tokens_max) == (budget, needs)
+    result = pinned(thinks=needs)
+    assert (result.mode.max_tokens, result.measured.completion_tokens_max) == (budget, needs)
 
 
 def test_a_budget_that_never_suffices_or_that_was_given_is_an_error() -> None:
@@ -78,9 +78,9 @@ def test_a_budget_that_never_suffices_or_that_was_given_is_an_error() -> None:
 
 def test_a_blind_model_is_pinned_as_one_that_does_not_see() -> None:
     """With the cause, which the guard will quote."""
-    found = pinned(sees=False, counts_pictures=False)
-    assert (found.measured.sees_image, found.measured.image_tokens) == (False, 0)
-    assert "the picture is dropped on the way" in found.measured.facts["picture"]
+    result = pinned(sees=False, counts_pictures=False)
+    assert (result.measured.sees_image, result.measured.image_tokens) == (False, 0)
+    assert "the picture is dropped on the way" in result.measured.facts["picture"]
 
 
 def test_one_that_cannot_be_asked_is_an_error_with_the_cause() -> None:

@@ -49,12 +49,12 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 )
 def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words: str) -> None:
     """In at most twenty calls; what is sound is said to be."""
-    found = examine_policy(f"python:arms:{name}", bank)
-    said = {one.name: one for one in found.findings}
-    assert amiss <= {one.name for one in found.findings if one.fine is False}
-    assert words in " ".join(one.says for one in found.findings if one.fine is False)
-    assert found.exit_code == 1
-    assert found.calls <= MOST_CALLS
+    diagnosis = examine_policy(f"python:arms:{name}", bank)
+    said = {finding.name: finding for finding in diagnosis.findings}
+    assert amiss <= {finding.name for finding in diagnosis.findings if finding.fine is False}
+    assert words in " ".join(finding.says for finding in diagnosis.findings if finding.fine is False)
+    assert diagnosis.exit_code == 1
+    assert diagnosis.calls <= MOST_CALLS
     if name.partition("_")[0] in {"raw", "deaf", "reach", "middle", "still"}:
         assert said["motions"].fine
         assert said["same"].fine
@@ -95,15 +95,15 @@ def test_faults_that_people_ship_are_named(
     words: str,
 ) -> None:
     """By the check that they concern, within twenty calls; what cannot be known is not called a fault."""
-    found = examine_policy(f"python:faulty_arms:{name}", bank)
-    (one,) = (one for one in found.findings if one.name == check)
+    diagnosis = examine_policy(f"python:faulty_arms:{name}", bank)
+    (one,) = (finding for finding in diagnosis.findings if finding.name == check)
     assert (one.fine, words in one.says) == (fine, True), one
-    assert found.calls <= MOST_CALLS
+    assert diagnosis.calls <= MOST_CALLS
 
 
 def test_a_policy_that_hears_nothing_is_not_told_that_its_colours_are_exchanged(bank: FrameBank) -> None:
     """Red and blue exchanged bring its answer to the log where blue is named, and away from it where red is."""
-    (one,) = (one for one in examine_policy("python:arms:deaf", bank).findings if one.name == "pictures")
+    (one,) = (finding for finding in examine_policy("python:arms:deaf", bank).findings if finding.name == "pictures")
     assert one.fine is None
 
 
@@ -112,9 +112,9 @@ def test_numbers_are_held_against_moments_of_all_parts_of_an_episode(tmp_path: P
     """Were they all of one step, on which the log hardly moves, any other answer would be of another unit."""
     bank = open_bank_simulator("tabletop").build(tmp_path / "bank", steps=steps)
     assert len({frame.step for frame in _ProbeFrames(bank, _motion(bank)).further}) == 4
-    said = {one.name: one for one in examine_policy("python:arms:deaf", bank).findings}
+    said = {finding.name: finding for finding in examine_policy("python:arms:deaf", bank).findings}
     assert said["unit"].fine, said["unit"].says
-    assert {one.name: one for one in examine_policy("python:arms:raw", bank).findings}["unit"].fine is False
+    assert {finding.name: finding for finding in examine_policy("python:arms:raw", bank).findings}["unit"].fine is False
 
 
 def _motion(bank: FrameBank) -> MotionSpace:
@@ -125,14 +125,14 @@ def _motion(bank: FrameBank) -> MotionSpace:
 def test_a_sound_policy_has_nothing_amiss(bank: FrameBank) -> None:
     """A trained one that uses all of its channels; one that draws its answers cannot be told by single calls."""
     sound = examine_policy("trained:sees", bank)
-    assert {one.name for one in sound.findings if one.fine is not True} == set()
+    assert {finding.name for finding in sound.findings if finding.fine is not True} == set()
     assert sound.exit_code == 0
-    drawn = {one.name: one for one in examine_policy("trained:sampling", bank).findings}
+    drawn = {finding.name: finding for finding in examine_policy("trained:sampling", bank).findings}
     assert drawn["motions"].fine
     assert drawn["unit"].fine
     assert drawn["cameras"].fine is None
     assert "drawn" in drawn["cameras"].says
-    reset = {one.name: one.fine for one in examine_policy("python:arms:reset", bank).findings}
+    reset = {finding.name: finding.fine for finding in examine_policy("python:arms:reset", bank).findings}
     assert reset["same"]
 
 
@@ -149,18 +149,20 @@ def test_the_command_prints_it_and_exits_so(bank: FrameBank, tmp_path) -> None: 
 
 def test_a_channel_that_it_declares_not_to_read_is_not_amiss(bank: FrameBank) -> None:
     """Nor is a camera of another bank accepted, as a run does not."""
-    found = examine_policy("python:arms:reach", bank)
-    said = {one.name: one for one in found.findings}
-    assert (found.exit_code, said["camera:wrist"].fine) == (0, True)
+    diagnosis = examine_policy("python:arms:reach", bank)
+    said = {finding.name: finding for finding in diagnosis.findings}
+    assert (diagnosis.exit_code, said["camera:wrist"].fine) == (0, True)
     assert said["camera:wrist"].says == "it does not declare to read this, and the answer does not change with it"
-    assert all(one.fine for one in examine_policy("python:arms:deaf", bank).findings if one.name == "instruction")
+    assert all(
+        finding.fine for finding in examine_policy("python:arms:deaf", bank).findings if finding.name == "instruction"
+    )
     with pytest.raises(SpecError, match="declares the channel 'camera:front', and the bank has cameras, camera:top"):
         examine_policy("python:arms:front", bank)
 
 
 def test_noise_is_not_taken_for_variation(bank: FrameBank) -> None:
     """As large as the log's, and at one moment as large as between moments: nobody can say whether it is constant."""
-    said = {one.name: one for one in examine_policy("python:arms:trembling", bank).findings}
+    said = {finding.name: finding for finding in examine_policy("python:arms:trembling", bank).findings}
     assert said["constant"].fine is None
     assert "noise hides whether it is constant" in said["constant"].says
 
@@ -168,7 +170,7 @@ def test_noise_is_not_taken_for_variation(bank: FrameBank) -> None:
 def test_a_camera_whose_pictures_are_all_alike_is_not_amiss(tmp_path: Path) -> None:
     """What cannot be exchanged is said to be so."""
     still = arm_bank(tmp_path / "arm", side="still")
-    said = {one.name: one for one in examine_policy("python:arm_logs:by_front", still).findings}
+    said = {finding.name: finding for finding in examine_policy("python:arm_logs:by_front", still).findings}
     assert said["camera:front"].fine
     assert (said["camera:side"].fine, "the same in every other episode" in said["camera:side"].says) == (None, True)
 
@@ -188,12 +190,12 @@ def test_it_is_asked_where_an_event_loop_runs_already(bank: FrameBank) -> None:
 def test_calls_that_fail_alike_end_it(bank: FrameBank, name: str, calls: int) -> None:
     """Each may load a network for half a minute; how many were made is said."""
     told: list[int] = []
-    found = examine_policy(f"python:{name}", bank, tell=told.append)
-    assert (found.calls, told) == (calls, [1, 2, 3])
-    (one,) = found.findings
+    diagnosis = examine_policy(f"python:{name}", bank, tell=told.append)
+    assert (diagnosis.calls, told) == (calls, [1, 2, 3])
+    (one,) = diagnosis.findings
     assert one.says.startswith("3 of 3 calls hold no motion: ")
     assert one.says.endswith("No more were made: the last 3 failed in the same way")
-    assert str(found).endswith("asked: 3 calls")
+    assert str(diagnosis).endswith("asked: 3 calls")
 
 
 def test_errors_alike_are_so_but_for_numbers_and_those_between_motions_end_nothing(bank: FrameBank) -> None:
@@ -204,9 +206,9 @@ def test_errors_alike_are_so_but_for_numbers_and_those_between_motions_end_nothi
 
 def test_a_policy_that_fails_in_the_middle_is_judged_by_what_came(bank: FrameBank) -> None:
     """And what was not asked is said to be so."""
-    found = examine_policy("python:faulty_arms:sixth_on", bank)
-    said = {one.name: one for one in found.findings}
-    assert (found.calls, said["cameras"].fine, said["motions"].fine) == (8, True, False)
+    diagnosis = examine_policy("python:faulty_arms:sixth_on", bank)
+    said = {finding.name: finding for finding in diagnosis.findings}
+    assert (diagnosis.calls, said["cameras"].fine, said["motions"].fine) == (8, True, False)
     assert (said["camera:wrist"].fine, said["camera:wrist"].says) == (None, "the call was not made")
 
 
@@ -226,14 +228,14 @@ def test_cameras_stand_for_all_of_them_together(
     words: str,
 ) -> None:
     """A camera that does not reach it is no fault of who declares all, as in the verdict; of who names it, it is."""
-    said = {one.name: one for one in examine_policy(f"python:{name}", bank).findings}
+    said = {finding.name: finding for finding in examine_policy(f"python:{name}", bank).findings}
     assert (said["camera:wrist"].fine, words in said["camera:wrist"].says) == (fine, True), said["camera:wrist"]
     assert said["cameras"].fine
 
 
 def test_a_camera_that_reaches_nobody_is_amiss_though_all_are_declared(bank: FrameBank) -> None:
     """Where no other one reaches the policy either."""
-    said = {one.name: one for one in examine_policy("python:arms:middle_all_cameras", bank).findings}
+    said = {finding.name: finding for finding in examine_policy("python:arms:middle_all_cameras", bank).findings}
     assert not any(said[name].fine for name in ("cameras", "camera:top", "camera:wrist"))
 
 

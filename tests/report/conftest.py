@@ -29,9 +29,9 @@ def hostile(bank: Path, tmp_path_factory: pytest.TempPathFactory) -> report_runs
 
 def chromium() -> str:
     """Return where Chromium is."""
-    found = os.environ.get("EYECHART_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-    assert found, "Chromium is not there: apt-get install chromium, or name one in EYECHART_CHROMIUM"
-    return found
+    result = os.environ.get("EYECHART_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+    assert result, "Chromium is not there: apt-get install chromium, or name one in EYECHART_CHROMIUM"
+    return result
 
 
 @pytest.fixture(scope="module")

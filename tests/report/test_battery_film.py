@@ -57,8 +57,8 @@ def test_the_frame_is_the_one_whose_answers_vary_the_most(run: Path) -> None:
 
 def test_the_command_writes_a_gif_and_says_what_it_needs(run: Path, tmp_path: Path) -> None:
     """One picture a condition, the same bytes each time; other files, frames and options are refused by name."""
-    told = CliRunner().invoke(app, ["film", str(run), "--out", str(tmp_path / "a.gif")], catch_exceptions=False)
-    assert told.exit_code == 0
+    result = CliRunner().invoke(app, ["film", str(run), "--out", str(tmp_path / "a.gif")], catch_exceptions=False)
+    assert result.exit_code == 0
     with Image.open(tmp_path / "a.gif") as film:
         assert (film.n_frames, film.width) == (len(cards(run)[1]), WIDTH)
     assert write_film(run, tmp_path / "b.gif") > 6

@@ -199,10 +199,10 @@ def test_axe_finds_no_serious_violation(page: Any, scheme: str) -> None:  # noqa
     page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
     axe = Path(str(files("axe_playwright_python"))) / "axe.min.js"
     page.evaluate(axe.read_text(encoding="utf-8") + "; undefined")
-    found = page.evaluate("axe.run(document)")
-    grave = [one for one in found["violations"] if one["impact"] in {"serious", "critical"}]
+    ruling = page.evaluate("axe.run(document)")
+    grave = [one for one in ruling["violations"] if one["impact"] in {"serious", "critical"}]
     assert [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in grave] == []
-    assert len(found["passes"]) > 20
+    assert len(ruling["passes"]) > 20
 
 
 @pytest.mark.parametrize("width", [1280, 400])

@@ -51,9 +51,9 @@ def axe(window: Any) -> list[str]:  # noqa: ANN401 - as above
     """Return the serious violations that axe-core finds, and require that it looked."""
     script = Path(str(files("axe_playwright_python"))) / "axe.min.js"
     window.evaluate(script.read_text(encoding="utf-8") + "; undefined")
-    found = window.evaluate("axe.run(document)")
-    assert len(found["passes"]) > 10
-    grave = [one for one in found["violations"] if one["impact"] in {"serious", "critical"}]
+    ruling = window.evaluate("axe.run(document)")
+    assert len(ruling["passes"]) > 10
+    grave = [one for one in ruling["violations"] if one["impact"] in {"serious", "critical"}]
     return [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in grave]
 
 

@@ -58,8 +58,8 @@ def data_of(page: Page) -> dict[str, list[dict[str, object]]]:
     """Return what the browser of episodes reads."""
     block = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.html.decode(), re.DOTALL)
     assert block is not None
-    found: dict[str, list[dict[str, object]]] = json.loads(block.group(1))
-    return found
+    result: dict[str, list[dict[str, object]]] = json.loads(block.group(1))
+    return result
 
 
 def test_the_page_is_inert_and_the_same_every_time(run: Path) -> None:
@@ -91,9 +91,9 @@ def test_every_episode_stands_in_the_browser_with_its_steps(page: Page) -> None:
     steps = episodes[0]["steps"]
     assert isinstance(steps, list)
     assert [step[:4] for step in steps][:2] == [["LEFT", "LEFT", True, 49.0], ["LEFT", "LEFT", True, 48.0]]
-    pictured = [one for one in episodes if one["pictures"]]
+    pictured = [episode for episode in episodes if episode["pictures"]]
     assert len(pictured) == 4
-    assert all(isinstance(one["pictures"], list) and len(one["pictures"]) == 7 for one in pictured)
+    assert all(isinstance(episode["pictures"], list) and len(episode["pictures"]) == 7 for episode in pictured)
     assert any("Pictures of 4 episodes" in note for note in page.notes)
 
 

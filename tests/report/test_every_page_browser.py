@@ -133,12 +133,12 @@ KINDS: Mapping[str, Callable[[Path], Page]] = {
 @pytest.fixture(scope="module", autouse=True)
 def made(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
     """Return the files of the pages by kind; made before the browser has a loop."""
-    root, found = tmp_path_factory.mktemp("pages"), {}
+    root, result = tmp_path_factory.mktemp("pages"), {}
     for name, make in KINDS.items():
         (root / name).mkdir()
-        found[name] = root / name / "page.html"
-        write_page(make(root / name), found[name])
-    return found
+        result[name] = root / name / "page.html"
+        write_page(make(root / name), result[name])
+    return result
 
 
 @pytest.fixture(params=[1280, 800, 400], ids=lambda width: f"{width} px")

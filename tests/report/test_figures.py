@@ -72,9 +72,9 @@ def test_the_heat_map_prints_the_share_of_equal_answers(everyone: list[Subject])
     (drawing,) = figures(everyone)["agreement"]
     steady = drawing.description.partition("standin:steady: ")[2]
     assert re.findall(r"\d\.\d\d", steady) == ["1.00"] * 10
-    found = everyone[0].model.statistics
-    assert f"blank {found['agree.blank'].value:.2f}" in drawing.description
-    assert f"real_repeat {found['agree.real_repeat'].value:.2f}" in drawing.description
+    statistics = everyone[0].model.statistics
+    assert f"blank {statistics['agree.blank'].value:.2f}" in drawing.description
+    assert f"real_repeat {statistics['agree.real_repeat'].value:.2f}" in drawing.description
     assert "noise floor" in drawing.svg()
 
 

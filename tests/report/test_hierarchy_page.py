@@ -78,7 +78,7 @@ def test_each_world_shows_every_source_and_how_it_ended(page: Page) -> None:
     """Two worlds in three groups; in words for those who cannot see them, and on the figure of outcomes too."""
     html = unescape(page.html.decode())
     ways = page.drawings["ways"]
-    assert [one.title for one in ways] == ["offset, seed 0", "offset, seed 1"] * 3
+    assert [way.title for way in ways] == ["offset, seed 0", "offset, seed 1"] * 3
     assert "MPC-only: reached the goal at 100." in ways[0].description
     assert "always STOP: out of time at 0.3 m" in ways[0].description
     assert "blank: out of time at 0.3 m" in ways[2].description
@@ -109,7 +109,7 @@ def test_an_end_that_was_not_recorded_is_driven_again_and_checked(copied: Path, 
     """It is the same; where the drive ends in another state its way is left out, and the page says so."""
     file = copied / "primary" / "episodes.jsonl"
     file.write_text(re.sub(r',"y_m":[^,]*,"yaw":[^,}]*}', "}", file.read_text()))
-    assert not any("y_m" in step.facts for one in read_episodes(copied / "primary") for step in one.steps)
+    assert not any("y_m" in step.facts for episode in read_episodes(copied / "primary") for step in episode.steps)
     before, after = (one.drawings["ways"] for one in (page, page_of(copied)))
     assert [one.svg() for one in before] == [one.svg() for one in after]
     file.write_text(re.sub(r'"state_sha256":"....', '"state_sha256":"0000', file.read_text()))
@@ -149,7 +149,7 @@ def test_of_many_worlds_some_are_drawn_and_the_page_says_so(study: Path, monkeyp
 def test_tables_hold_every_source_and_every_difference(study: Path, tmp_path: Path) -> None:
     """CSV, Markdown and LaTeX."""
     files = write_tables(tables_of(score(study, resamples=200)), tmp_path / "tables")
-    assert {one.name for one in files} >= {
+    assert {file.name for file in files} >= {
         f"{name}.{kind}"
         for name in ("sources", "paired", "sources_primary", "intents_second")
         for kind in ("csv", "md", "tex")
@@ -189,11 +189,11 @@ def test_a_film_draws_the_plan_over_the_picture_and_leaves_the_picture_as_it_is(
 def test_the_commands_know_a_study_by_its_folder(study: Path, tmp_path: Path) -> None:
     """The report and the score of all of it; a report is about one study."""
     run = CliRunner()
-    told = run.invoke(
+    result = run.invoke(
         app, ["report", str(study), "--out", str(tmp_path / "page.html"), "--figures", str(tmp_path / "f")]
     )
-    assert told.exit_code == 0, told.stderr
-    assert "16 files of figures" in told.stderr
+    assert result.exit_code == 0, result.stderr
+    assert "16 files of figures" in result.stderr
     assert (tmp_path / "f" / "ways-primary-0-offset-1.pdf").is_file()
     found = json.loads(run.invoke(app, ["score", str(study), "--json"]).stdout)
     assert found["study"] == "hierarchy"

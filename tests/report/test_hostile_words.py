@@ -188,20 +188,20 @@ def test_no_command_on_a_hostile_run_steers_a_terminal(run: Path, words: str, *,
     first, *more = words.split()
     place = run.parent / "bank" if first in {"frames", "plan"} else run
     line = ["frames", "check", str(place)] if first == "frames" else [first, str(place), *more]
-    told = CliRunner().invoke(app, [*line, *(["--json"] if json_too else [])])
-    assert told.exit_code in {0, 1, 2}
-    assert told.exception is None or isinstance(told.exception, SystemExit)
-    assert STEERS.search(told.output) is None
+    result = CliRunner().invoke(app, [*line, *(["--json"] if json_too else [])])
+    assert result.exit_code in {0, 1, 2}
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert STEERS.search(result.output) is None
     if json_too:
-        assert json.loads(told.stdout)
+        assert json.loads(result.stdout)
 
 
 def test_what_is_written_of_a_hostile_run_is_read_by_its_programs(run: Path, tmp_path: Path) -> None:
     """CSV parts into equal rows without a formula, XML parses, a report has no element but its own."""
-    told = CliRunner().invoke(
+    result = CliRunner().invoke(
         app, ["report", str(run), "--out", str(tmp_path / "report.html"), "--tables", str(tmp_path / "tables")]
     )
-    assert told.exit_code == 0, told.output
+    assert result.exit_code == 0, result.output
     for file in (tmp_path / "tables").glob("*.csv"):
         rows = list(csv.reader(io.StringIO(file.read_text(encoding="utf-8"))))
         assert len({len(row) for row in rows}) == 1, file

@@ -11,7 +11,7 @@ import banks
 import photographs
 import stand_ins
 from eyechart.calls import Query, Reply
-from eyechart.conditions import seed_of, speaker
+from eyechart.conditions import seed_of, text_source_frame
 from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.integrity import Guard
@@ -19,7 +19,7 @@ from eyechart.models import ADAPTERS
 from eyechart.spaces.discrete import Discrete
 from eyechart.studies import battery as study
 from eyechart.studies.battery.browser import frames_shown
-from eyechart.studies.battery.page import counts, make_page, not_covered, summed
+from eyechart.studies.battery.page import counts, make_page, not_covered, sum_counts
 from eyechart.studies.battery.subjects import subjects
 from eyechart.studies.battery.tables import judged_of, verdict_table
 from report_runs import data_of, make_run, read_evidence, report
@@ -64,7 +64,7 @@ def test_calls_are_counted_by_condition(weak_run: Path) -> None:
         assert row.without == row.missing[3] + down
     assert sum(row.errors for row in one) > 0 < sum(row.missing[3] for row in one)
     assert all((row.answered, row.attempts, row.without) == (row.planned, row.planned, 0) for row in steady)
-    both = summed([one, steady])
+    both = sum_counts([one, steady])
     assert [row.planned for row in both] == [2 * row.planned for row in one]
     assert both[1].missing == one[1].missing
 
@@ -144,7 +144,7 @@ def test_the_page_says_what_a_prompt_said_of_a_frame(rover: Path, tmp_path: Path
     bank = replace(open_bank(rover.parent / "bank"), said=("speed",))
     for frame in held["frames"]:
         own = bank.frame(frame["id"])
-        other = speaker(own, bank, seed_of("text_swapped", own, run.score.manifest.seed))
+        other = text_source_frame(own, bank, seed_of("text_swapped", own, run.score.manifest.seed))
         assert frame["said"] == [["speed", own.fields["speed"]]]
         assert frame["told"] == {"text_swapped": [other.id, [["speed", other.fields["speed"]]]]}
         assert other.fields["speed"] != own.fields["speed"]

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from eyechart.models.prices import read_prices
-from eyechart.serve.live import LiveRun, watched
+from eyechart.serve.live import LiveRun, live_server
 from report_runs import Reported
 
 pytestmark = pytest.mark.browser
@@ -18,7 +18,7 @@ def test_it_follows_the_run_and_fits_the_window(width: int, hostile: Reported, e
     page = engine.new_page(viewport={"width": width, "height": 900})
     said: list[str] = []
     page.on("pageerror", lambda error: said.append(str(error)))
-    with watched(live, told.append):
+    with live_server(live, told.append):
         page.goto(told[0])
         assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
         live.move(7, 10)
@@ -45,7 +45,7 @@ def test_a_reply_that_is_no_page_of_the_run_is_a_lost_connection_and_no_end(
     """It says that it tries again, keeps what was seen, and goes on once the page answers."""
     live, told = LiveRun(hostile.run, read_prices()), list[str]()
     page = engine.new_page()
-    with watched(live, told.append):
+    with live_server(live, told.append):
         page.goto(told[0])
         page.route("**/*", lambda route: _page(route, body, status))
         live.move(7, 10)
@@ -64,7 +64,7 @@ def test_a_run_that_is_interrupted_is_said_to_be(hostile: Reported, engine: Any)
     page = engine.new_page()
 
     def interrupted() -> None:
-        with watched(live, told.append):
+        with live_server(live, told.append):
             page.goto(told[0])
             raise KeyboardInterrupt
 
@@ -79,7 +79,7 @@ def test_a_run_that_is_killed_is_not_said_to_be_over(hostile: Reported, engine: 
     live, told = LiveRun(hostile.run, read_prices()), list[str]()
     page = engine.new_page()
     page.route("**/over", lambda route: route.fulfill(status=204))
-    with watched(live, told.append):
+    with live_server(live, told.append):
         page.goto(told[0])
         page.wait_for_timeout(500)
     page.locator("#state", has_text="The connection was lost").wait_for(timeout=15_000)

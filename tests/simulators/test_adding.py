@@ -66,7 +66,7 @@ def old(whole: FrameBank, tmp_path: Path) -> Path:
 
 def contents(root: Path) -> dict[str, bytes]:
     """Return every file of a folder."""
-    return {str(one.relative_to(root)): one.read_bytes() for one in sorted(root.rglob("*")) if one.is_file()}
+    return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
 
 
 OLDER_M = {"lane_far_m": 20.0, "lane_near_m": 4.0}
@@ -111,7 +111,7 @@ def test_the_bank_itself_gets_what_is_missing_once(old: Path, whole: FrameBank) 
     assert {name for name in before if now[name] != before[name]} == {"manifest.json"}
     assert add_missing(old)[1] == 0
     assert contents(old) == now
-    assert not [one for one in old.parent.iterdir() if one.name.endswith(".part")]
+    assert not [path for path in old.parent.iterdir() if path.name.endswith(".part")]
 
 
 @pytest.mark.parametrize("after", [0, 1, 7])
@@ -181,7 +181,7 @@ def rewritten(root: Path, change: Change) -> None:
     path.write_text(json.dumps(raw))
     with pytest.raises(BankError, match="declares of itself"):
         open_bank(root)
-    kept = {one.name: raw[one.name] for one in fields(BankManifest) if one.name in raw}
+    kept = {field.name: raw[field.name] for field in fields(BankManifest) if field.name in raw}
     path.write_text(json.dumps(raw | {"declaration": build(BankManifest, kept).declaration}))
 
 
@@ -202,19 +202,19 @@ def test_a_run_goes_on_with_what_came_to_its_bank(old: Path, tmp_path: Path) -> 
     _, bank = read_run(tmp_path / "run")
     assert bank.manifest.images.items() > lacking.images.items()
     score = battery.score(tmp_path / "run", resamples=50)
-    told = score.models["scripted:depth"].answers.decisions
+    decisions = score.models["scripted:depth"].answers.decisions
     for name in asked:
         drawn = name.removesuffix("_nudged")
         there = sum(drawn == "real" or drawn in frame.counterfactuals for frame in bank)
-        assert sum(one is not None for one in told[name]) == there > 0
+        assert sum(one is not None for one in decisions[name]) == there > 0
 
 
 def test_the_command_says_what_it_did(old: Path, tmp_path: Path) -> None:
     """And what it wants, where it is given too little or too much."""
 
     def said(*words: object) -> tuple[int, str]:
-        found = CliRunner().invoke(app, ["frames", "build", *map(str, words)])
-        return found.exit_code, f"{found.output}{found.exception or ''}"
+        result = CliRunner().invoke(app, ["frames", "build", *map(str, words)])
+        return result.exit_code, f"{result.output}{result.exception or ''}"
 
     code, text = said("--add-to", old, "--out", tmp_path / "new")
     assert (code, "pictures added; 20 frames in" in text) == (0, True), text

@@ -137,8 +137,8 @@ def test_a_seed_is_one_world_and_the_rovers_too() -> None:
     assert drive.state() == again.state() != other.state()
     rover = make_layout("clutter", 4).obstacles
     ours = drive.world.layout.obstacles
-    assert [(one.x, one.y, one.radius, 3 * one.height) for one in rover] == [
-        (one.x, one.y, one.radius, one.height) for one in ours
+    assert [(obstacle.x, obstacle.y, obstacle.radius, 3 * obstacle.height) for obstacle in rover] == [
+        (obstacle.x, obstacle.y, obstacle.radius, obstacle.height) for obstacle in ours
     ]
     for action in ("STRAIGHT", "LEFT", "SLOW"):
         assert drive.step(action) == again.step(action)

@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from eyechart.cli.app import app
-from eyechart.conditions import BATTERY, RANGED, available, require_partners, show
+from eyechart.conditions import BATTERY, RANGED, is_available, require_partners, show
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import FrameBank, check, decode, open_bank, shared
+from eyechart.frames import FrameBank, check, decode, open_bank, shared_frames
 from eyechart.perception.view import VIEWS
 from eyechart.simulators import SIMULATORS, find_simulator, open_bank_simulator
 from eyechart.simulators.banks import STAGING
@@ -87,7 +87,7 @@ def test_a_longer_bank_begins_with_the_shorter_one(name: str, preset: str, tmp_p
             simulator.build(tmp_path / str(steps), preset=preset, seeds=(0,), steps=steps) for steps in (12, 24, 27)
         ]
     for one, other in pairwise(banks):
-        both = shared(one, other)
+        both = shared_frames(one, other)
         assert (len(both.frames), both.unlike) == (len(one), {})
         ranged = [name for name in RANGED if name in one.frames[0].counterfactuals]
         anew = {file for frame in one for name in ranged for file in frame.counterfactuals.get(name, {}).values()}
@@ -121,10 +121,10 @@ def test_every_condition_can_be_shown(bank: FrameBank) -> None:
         size = decode(bank.image(frame), frame.id).shape
         for name in BATTERY:
             pictures = show(name, frame, bank, 0).images
-            assert list(pictures) == ([] if name == "text_only" else [one.name for one in frame.cameras])
+            assert list(pictures) == ([] if name == "text_only" else [camera.name for camera in frame.cameras])
             assert all(decode(picture, name).shape == size for picture in pictures.values())
         for name in frame.counterfactuals:
-            assert bank.manifest.simulator in NO_LEAD or available(name, frame)
+            assert bank.manifest.simulator in NO_LEAD or is_available(name, frame)
             assert decode(bank.image(frame, name), name).shape == size
 
 

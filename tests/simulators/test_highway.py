@@ -57,10 +57,10 @@ def gap(frame: Frame) -> float:
 
 def episodes(bank: FrameBank) -> dict[str, list[Frame]]:
     """Return a bank's frames by episode, in order."""
-    found = defaultdict(list)
+    result = defaultdict(list)
     for frame in bank:
-        found[frame.episode].append(frame)
-    return found
+        result[frame.episode].append(frame)
+    return result
 
 
 def pixels(bank: FrameBank, frame: Frame, counterfactual: str | None = None) -> npt.NDArray[np.uint8]:

@@ -20,16 +20,16 @@ def stock_states(scenario: str, seed: int, actions: list[str]) -> list[tuple[byt
     setting = LADDER[scenario]
     env = gymnasium.make(setting.env, config=dict(setting.config)).unwrapped
     env.reset(seed=seed)
-    found = []
+    states = []
     for action in actions:
         _, reward, over, _, _ = env.step(env.action_type.actions_indexes[Highway.declared.commands[action]])
         vehicles = env.road.vehicles
         rows = [[*vehicle.position, vehicle.heading, vehicle.speed] for vehicle in vehicles]
-        found.append((np.array(rows, dtype=np.float64).tobytes(), float(reward), bool(over)))
+        states.append((np.array(rows, dtype=np.float64).tobytes(), float(reward), bool(over)))
         if over:
             break
     env.close()
-    return found
+    return states
 
 
 @pytest.mark.filterwarnings("ignore:.*merge-v0 is out of date")

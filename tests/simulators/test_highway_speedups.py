@@ -33,11 +33,11 @@ def state(world: Any) -> bytes:  # noqa: ANN401  (highway-env has no types)
 def states(scenario: str, seed: int, actions: Sequence[str]) -> list[bytes]:
     """Return the states of a drive with these actions, one before each and one after the last."""
     world = open_drive(scenario, seed)
-    found = [state(world)]
+    result = [state(world)]
     for action in actions:
         world.step(world.action_type.actions_indexes[action])
-        found.append(state(world))
-    return found
+        result.append(state(world))
+    return result
 
 
 LATER = """
@@ -106,11 +106,11 @@ def test_roads_that_do_not_point_east_go_the_stock_way(
     def drive() -> list[bytes]:
         env = road()
         env.reset(seed=3)
-        found = []
+        result = []
         for _ in range(3):
             env.step(1)
-            found.append(state(env))
-        return found
+            result.append(state(env))
+        return result
 
     stock = drive()
     with speedups():
@@ -125,7 +125,7 @@ def test_the_stock_functions_come_back() -> None:
         with speedups():
             pass
         inside = stock_functions()
-        assert all(one is not other for one, other in zip(inside, before, strict=True))
+        assert all(function is not other for function, other in zip(inside, before, strict=True))
     assert stock_functions() == before
 
 

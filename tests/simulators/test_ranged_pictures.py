@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from eyechart.cameras import EGO_COLUMN, FORWARD, HEIGHT_PX, PX_PER_M
-from eyechart.conditions import NUDGES, RANGED, available, is_nudged, show, sources
+from eyechart.conditions import NUDGES, RANGED, is_available, is_nudged, show, sources
 from eyechart.errors import BankError
 from eyechart.frames import (
     APART,
@@ -86,7 +86,7 @@ def test_every_frame_has_them_with_their_distances_and_the_bank_is_whole(bank: F
     for frame in bank:
         assert {name in frame.counterfactuals for name in DRAWN if name != "lead_drawn"} == {EXCHANGE in frame.truth}
         assert {LEAD, "lead_near_m", "lead_far_m"} <= frame.placed
-        assert all(available(name, frame) == available(of, frame) for name, of in NUDGES.items())
+        assert all(is_available(name, frame) == is_available(of, frame) for name, of in NUDGES.items())
 
 
 def test_the_lead_alone_is_spread_evenly_over_all_that_can_be_shown(bank: FrameBank) -> None:
@@ -163,7 +163,7 @@ def test_on_the_road_only_the_lead_and_one_obstacle_beside_move(
         made = [worlds[decode(bank.image(frame, name), name).tobytes()] for name in names]
         leads = [find_lead(world) for world in made]
         pairs = zip(made, leads, strict=True)
-        others = [{one for one in world.layout.obstacles if one is not lead} for world, lead in pairs]
+        others = [{obstacle for obstacle in world.layout.obstacles if obstacle is not lead} for world, lead in pairs]
         stay = set.intersection(*others)
         first, near, last = (list(one - stay) for one in others)
         assert (len(first), len(near), first) == (1, 1, last)
@@ -183,7 +183,7 @@ def test_a_nudge_is_one_pixel_by_one_level(bank: FrameBank) -> None:
     """Of its own picture, the same for every model, another for another run, and of the files of that picture."""
     for frame in bank.frames[:12]:
         for name, of in NUDGES.items():
-            if available(name, frame):
+            if is_available(name, frame):
                 first = show(name, frame, bank, 7).images[MAIN]
                 assert is_nudged(first, bank.image(frame, of))
                 assert first == show(name, frame, bank, 7).images[MAIN]

@@ -248,13 +248,13 @@ def test_a_layout_leaves_a_way_through_unless_a_wall_closes_it(family: str) -> N
     for seed in range(60):
         layout = make_layout(family, seed)
         closed += layout.closed
-        for one in layout.obstacles:
-            near = [other for other in layout.obstacles if abs(other.x - one.x) < 3.0]
+        for obstacle in layout.obstacles:
+            near = [other for other in layout.obstacles if abs(other.x - obstacle.x) < 3.0]
             room = [all(abs(o.y - track) > o.radius + ROVER.beside_m for o in near) for track in TRACKS_M]
-            wall = layout.closed and one.radius > 1.0
+            wall = layout.closed and obstacle.radius > 1.0
             assert any(room) != wall
-            assert abs(one.y) + one.radius < ROVER.half_width_m
-            assert one.x < GOAL_M
+            assert abs(obstacle.y) + obstacle.radius < ROVER.half_width_m
+            assert obstacle.x < GOAL_M
             if wall:
                 edges = sorted((o.y - o.radius, o.y + o.radius) for o in near)
                 spaces = [low[0] - high[1] for high, low in pairwise(edges)]
@@ -398,13 +398,13 @@ def test_known_answer_controllers_get_their_labels_on_forward_pictures(bank: Fra
 @pytest.mark.models
 def test_the_planners_of_the_hierarchy_get_their_labels_on_the_default_bank(tmp_path: Path) -> None:
     """But for the one-sided one: it turns away instead of braking, in about a tenth of the comparisons, the limit."""
-    known = {name: one for name, one in PLANNERS.items() if name != "left_side"}
+    known = {name: planner for name, planner in PLANNERS.items() if name != "left_side"}
     require_declared(Rover().build(tmp_path / "bank"), known, tmp_path / "run")
 
 
 def test_the_planners_of_the_hierarchy_are_four_and_one_alone_sees_the_side() -> None:
     """One that goes round on the clear side, a one-sided one, one that brakes by distance, and one that stops."""
-    deserved = {name: (one.declared.calibrated, one.declared.lateral) for name, one in PLANNERS.items()}
+    deserved = {name: (planner.declared.calibrated, planner.declared.lateral) for name, planner in PLANNERS.items()}
     assert deserved == {
         "clear_side": (
             "content",

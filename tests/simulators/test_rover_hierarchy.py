@@ -39,7 +39,7 @@ def test_a_mirrored_world_with_mirrored_intents_gives_the_mirrored_drive_to_the_
         family = list(arm.declared.scenarios)[number % len(arm.declared.scenarios)]
         intents = [str(one) for one in rng.choice(ACTIONS, 12, p=[0.05, 0.1, 0.35, 0.25, 0.25])]
         here, there = arm().drive(family, number), arm().drive(family, number, mirrored=True)
-        moves, others = driven(here, intents), driven(there, [MIRRORED(one) for one in intents])
+        moves, others = driven(here, intents), driven(there, [MIRRORED(intent) for intent in intents])
         assert [moved for moved, _ in moves] == [reflected(moved) for moved, _ in others]
         assert here.state() == there.world.mirrored().as_bytes()
         assert driven(arm().drive(family, number), intents) == moves

@@ -27,7 +27,7 @@ def middle(picture: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray | No
 
 def seen(bank: FrameBank, frame: object, changed: str | None = None) -> Mapping[str, np.ndarray]:
     """Return a frame's pictures by camera."""
-    return {name: decode(one, name) for name, one in bank.images(frame, changed).items()}
+    return {name: decode(image, name) for name, image in bank.images(frame, changed).items()}
 
 
 def test_its_bank_is_twelve_episodes_of_two_cameras_a_state_an_instruction_and_a_motion(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_its_bank_is_twelve_episodes_of_two_cameras_a_state_an_instruction_and_a
     made = open_bank_simulator("tabletop").build(tmp_path / "bank")
     assert (len(made), len({frame.episode for frame in made})) == (144, 12)
     for frame in made:
-        assert [one.name for one in frame.cameras] == ["top", "wrist"]
+        assert [camera.name for camera in frame.cameras] == ["top", "wrist"]
         assert {one.shape for one in seen(made, frame).values()} == {(32, 32, 3)}
         assert len(frame.state[STATE]) == 3
         assert min(frame.state[STATE]) >= 0
@@ -105,9 +105,12 @@ def test_the_mirrored_table_is_the_flipped_picture() -> None:
     tables = episode(rng, scene(rng), "red", 8, left=True)
     flipped = [
         Workspace(
-            np.array([1 - one.tool[0], one.tool[1]]), one.grip, np.array([[1, 0]]) + [[-1, 1]] * one.blocks, "red"
+            np.array([1 - table.tool[0], table.tool[1]]),
+            table.grip,
+            np.array([[1, 0]]) + [[-1, 1]] * table.blocks,
+            "red",
         )
-        for one in tables
+        for table in tables
     ]
     for name, pictures in cameras(tables).items():
         assert np.abs(pictures[:, :, ::-1].astype(int) - cameras(flipped)[name]).max() <= 1

@@ -14,7 +14,7 @@ from eyechart.calls import Query, Reply
 from eyechart.ledger import Ledger
 from eyechart.prompts import Prompt
 from eyechart.run import Plan, execute
-from eyechart.spaces.space import Answer, Decision, SpaceDefaults, unanswered
+from eyechart.spaces.space import Answer, Decision, SpaceDefaults, why_unanswered
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedTests
 from eyechart.studies.battery.paper_statistics import Resampling
@@ -42,7 +42,7 @@ class Chunks(SpaceDefaults):
 
     def read(self, reply: Answer) -> Decision[Chunk]:
         """Read a chunk; one of another shape is none."""
-        if (missing := unanswered(reply.finish_reason, reply.error)) is not None:
+        if (missing := why_unanswered(reply.finish_reason, reply.error)) is not None:
             return Decision(None, missing)
         rows = json.loads(reply.text)
         if np.shape(rows) != (STEPS, len(PARTS)):

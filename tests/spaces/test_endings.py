@@ -2,7 +2,7 @@
 
 import pytest
 
-from eyechart.calls import Emptiness, Reply, concluded, is_empty
+from eyechart.calls import Emptiness, Reply, answer_from_reasoning, is_empty
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import SCENES
 from eyechart.spaces.space import ENDINGS, ending
@@ -31,9 +31,9 @@ def test_a_word_that_is_not_known_is_no_ending() -> None:
 def test_reasoning_is_concluded_where_a_reply_ended_by_itself() -> None:
     """By any word for that; what was cut off while it thought has no end."""
     for word in ("stop", "eos", "STOP", None):
-        assert concluded(Reply("", word, reasoning="so\nSLOW")).text == "SLOW", word
+        assert answer_from_reasoning(Reply("", word, reasoning="so\nSLOW")).text == "SLOW", word
     for word in ("max_tokens", "SAFETY", "OTHER"):
-        assert concluded(Reply("", word, reasoning="so\nSLOW")).text == "", word
+        assert answer_from_reasoning(Reply("", word, reasoning="so\nSLOW")).text == "", word
 
 
 def test_replies_that_were_all_cut_off_before_a_word_say_so() -> None:

@@ -167,7 +167,7 @@ def test_a_reflection_commutes_with_measuring_from_the_state() -> None:
     """Reflected places less reflected states are the reflected differences, whatever they are reflected about."""
     names = (("left", "right", 1, -1.0, 0.0), ("right", "left", 0, -1.0, 0.0), ("x", "", 2, -1.0, 0.5))
     places = tuple(Dimension(one, mirrors=other, sign=sign, about=at) for one, other, _, sign, at in names)
-    own = tuple(replace(one, state=number) for one, (_, _, number, _, _) in zip(places, names, strict=True))
+    own = tuple(replace(place, state=number) for place, (_, _, number, _, _) in zip(places, names, strict=True))
     space = MotionSpace("arms", own, 2, "absolute", state=(places[1], places[0], places[2]), mirrored=True)
     rng = np.random.default_rng(0)
     motions, states = rng.normal(size=(5, 2, 3)), rng.normal(size=(5, 3))

@@ -125,9 +125,9 @@ def test_a_space_read_by_version_3_reads_as_it_did() -> None:
     before = DRIVING.by(3)
     assert (before.reader, DRIVING.reader, DRIVING.by(99).reader) == (3, READER, READER)
     assert before == DRIVING
-    told = Reply("The left lane is clear.", "stop", None)
-    assert before.read(told) == Decision("LEFT")
-    assert DRIVING.read(told) == Decision(None, "unparsed", "not_chosen")
+    reply = Reply("The left lane is clear.", "stop", None)
+    assert before.read(reply) == Decision("LEFT")
+    assert DRIVING.read(reply) == Decision(None, "unparsed", "not_chosen")
     negated = Reply("STOP. I would not go LEFT.", "stop", None)
     assert (before.read(negated).action, DRIVING.read(negated).action) == (None, "STOP")
 

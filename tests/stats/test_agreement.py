@@ -200,12 +200,12 @@ def test_a_coin_agrees_with_itself_as_with_others() -> None:
     bounded = 0
     for seed in range(50):
         tosses = np.random.default_rng(seed).integers(0, 5, size=(144, 4))
-        found = agreement.pooled_kappa(tosses)
-        assert found.value is not None
-        assert found.p is not None
-        assert found.ci is not None
-        assert (found.p < 0.01) == (found.ci[1] < 0.10)
-        bounded += found.p < 0.01
+        statistic = agreement.pooled_kappa(tosses)
+        assert statistic.value is not None
+        assert statistic.p is not None
+        assert statistic.ci is not None
+        assert (statistic.p < 0.01) == (statistic.ci[1] < 0.10)
+        bounded += statistic.p < 0.01
     assert bounded >= 48
 
 
@@ -223,13 +223,13 @@ def test_a_kappa_at_the_margin_is_hardly_ever_bounded() -> None:
 def test_pooled_kappa_of_equal_columns_is_one() -> None:
     """Three equal columns of two answers agree always, whatever chance; one answer alone cannot say."""
     codes = np.repeat(np.array([[0], [1]] * 10), 3, axis=1)
-    found = agreement.pooled_kappa(codes)
-    assert found.value == pytest.approx(1.0)
-    assert found.detail is not None
-    assert found.detail["chance"] == pytest.approx(9 / 19)
+    statistic = agreement.pooled_kappa(codes)
+    assert statistic.value == pytest.approx(1.0)
+    assert statistic.detail is not None
+    assert statistic.detail["chance"] == pytest.approx(9 / 19)
     assert agreement.pooled_kappa(np.zeros((20, 3), dtype=int)).value is None
-    assert found.n == 20
-    assert found.p == pytest.approx(1.0, abs=1e-3)
+    assert statistic.n == 20
+    assert statistic.p == pytest.approx(1.0, abs=1e-3)
 
 
 def test_missing_answers_leave_their_pairs_out() -> None:

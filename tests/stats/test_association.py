@@ -14,9 +14,9 @@ tables = hnp.arrays(np.int64, st.tuples(st.integers(1, 5), st.integers(1, 5)), e
 
 def test_the_table_counts_labels_in_sorted_order() -> None:
     """Rows are the first array's labels, columns the second's."""
-    found = association.contingency(["STOP", "LEFT", "STOP"], [1, 0, 0])
-    assert (found.rows, found.columns) == (("LEFT", "STOP"), (0, 1))
-    assert found.table.tolist() == [[1, 0], [1, 1]]
+    contingency = association.contingency(["STOP", "LEFT", "STOP"], [1, 0, 0])
+    assert (contingency.rows, contingency.columns) == (("LEFT", "STOP"), (0, 1))
+    assert contingency.table.tolist() == [[1, 0], [1, 1]]
 
 
 def test_arrays_of_two_lengths_make_no_table() -> None:

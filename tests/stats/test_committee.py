@@ -117,8 +117,8 @@ def slowly(votes: Votes, truth: Votes, size: int, costs: Costs | None) -> Commit
     points: tuple[Point, ...] = POINTS if costs is not None and costs.abstention is not None else ("two_way",)
     best: tuple[float, CommitteeChoice] | None = None
     every = list(combinations(range(len(votes)), size))
-    able = [one for one in every if all((votes[model] == 1).any() for model in one)]
-    for committee in [*able, *(one for one in every if one not in able)]:
+    able = [combination for combination in every if all((votes[model] == 1).any() for model in combination)]
+    for committee in [*able, *(combination for combination in every if combination not in able)]:
         for threshold, point in product(range(1, 2 * size + 1), points):
             found = worth(votes, truth, (committee, threshold, point), costs)
             if best is None or found > best[0] + 1e-10:
@@ -180,7 +180,7 @@ def test_who_votes_hazard_is_asked_of_the_frames_that_choose() -> None:
     votes = np.broadcast_to(truth.astype(np.int8)[None, :, None], (3, 6, 2)).copy()
     votes[0, group != 1] = CLEAR
     chosen = select_without_each(tally(votes, truth, group, size=2))
-    assert [one.committee for one in chosen] == [(0, 1), (1, 2), (0, 1)]
+    assert [choice.committee for choice in chosen] == [(0, 1), (1, 2), (0, 1)]
 
 
 def test_frames_of_one_class_choose_nothing() -> None:
@@ -207,7 +207,7 @@ def test_the_curve_ends_with_all_that_was_answered() -> None:
     votes = np.array([4, 3, 2, 0, 2, 1])
     said = answers(votes, 0, voters=4, threshold=2, point="two_way")
     curve = list(risk_coverage(votes, said, truth, voters=4))
-    assert [(one.margin, one.answered, one.wrong) for one in curve] == [(4, 2, 0), (2, 4, 0), (0, 6, 1)]
+    assert [(point.margin, point.answered, point.wrong) for point in curve] == [(4, 2, 0), (2, 4, 0), (0, 6, 1)]
 
 
 def test_no_frames_are_counted_as_nothing() -> None:

@@ -11,20 +11,20 @@ from eyechart.stats.episodes import share_over_episodes
 
 def ends(hits: list[int], frames: list[int], **options: float) -> tuple[float, float]:
     """Return the interval of a share."""
-    found = share_over_episodes(hits, frames, **options)
-    assert found.ci is not None
-    return found.ci
+    statistic = share_over_episodes(hits, frames, **options)
+    assert statistic.ci is not None
+    return statistic.ci
 
 
 @pytest.mark.parametrize(("hits", "share"), [(0, 0.0), (12, 1.0), (6, 0.5)])
 def test_episodes_that_are_all_equal_give_an_exact_bound_over_episodes(hits: int, share: float) -> None:
     """If more than q of all episodes differed, six without one that does would be rarer than 1 in 20."""
-    found = share_over_episodes([hits] * 6, [12] * 6)
+    statistic = share_over_episodes([hits] * 6, [12] * 6)
     differ = 1 - 0.05 ** (1 / 6)
     assert stats.binom.pmf(0, 6, differ) == pytest.approx(0.05)
-    assert found.ci == pytest.approx((share * (1 - differ), share + (1 - share) * differ))
-    assert (found.value, found.n, found.detail) == (share, 72, {"k": 6 * hits, "episodes": 6})
-    assert "exact" in found.method
+    assert statistic.ci == pytest.approx((share * (1 - differ), share + (1 - share) * differ))
+    assert (statistic.value, statistic.n, statistic.detail) == (share, 72, {"k": 6 * hits, "episodes": 6})
+    assert "exact" in statistic.method
 
 
 def test_an_interval_holds_the_rates_that_the_integrated_likelihood_does_not_rule_out() -> None:
@@ -94,9 +94,9 @@ def test_episodes_of_one_frame_get_the_interval_of_independent_frames() -> None:
 
 def test_one_episode_has_no_interval_and_no_frames_no_share() -> None:
     """Nothing can be said of how episodes differ; episodes without frames do not count."""
-    one = share_over_episodes([3, 0], [12, 0])
-    assert (one.value, one.n, one.ci) == (0.25, 12, None)
-    assert "one episode" in one.note
+    statistic = share_over_episodes([3, 0], [12, 0])
+    assert (statistic.value, statistic.n, statistic.ci) == (0.25, 12, None)
+    assert "one episode" in statistic.note
     assert share_over_episodes([], []).value is None
 
 

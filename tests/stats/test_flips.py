@@ -11,11 +11,11 @@ from eyechart.stats.sign_flip import follow, sign_flip_test
 
 def test_a_few_pairs_are_enumerated() -> None:
     """Five differences of one sign: two of the 32 patterns are as extreme, whatever their sizes."""
-    found = sign_flip_test([3, 5, 8, 2, 9], [1, 1, 1, 1, 1], seed=0)
-    assert found.value == pytest.approx(4.4)
-    assert (found.p, found.n) == (2 / 32, 5)
-    assert found.detail is not None
-    assert (found.detail["larger"], found.detail["smaller"], found.detail["smallest_p"]) == (5, 0, 2 / 32)
+    statistic = sign_flip_test([3, 5, 8, 2, 9], [1, 1, 1, 1, 1], seed=0)
+    assert statistic.value == pytest.approx(4.4)
+    assert (statistic.p, statistic.n) == (2 / 32, 5)
+    assert statistic.detail is not None
+    assert (statistic.detail["larger"], statistic.detail["smaller"], statistic.detail["smallest_p"]) == (5, 0, 2 / 32)
 
 
 def test_exact_p_is_scipys() -> None:
@@ -32,8 +32,8 @@ def test_many_pairs_are_sampled_near_the_t_test() -> None:
     """With 60 normal pairs both tests agree closely; the smallest p is 1/(B+1)."""
     rng = np.random.default_rng(5)
     a, b = rng.normal(0.3, 1, 60), rng.normal(0, 1, 60)
-    found = sign_flip_test(a, b, seed=1, resamples=20_000)
-    assert found.p == pytest.approx(stats.ttest_rel(a, b).pvalue, abs=0.01)
+    statistic = sign_flip_test(a, b, seed=1, resamples=20_000)
+    assert statistic.p == pytest.approx(stats.ttest_rel(a, b).pvalue, abs=0.01)
     assert sign_flip_test(a + 50, b, seed=1, resamples=999).p == 1 / 1000
     assert sign_flip_test(a, b, seed=1).p == sign_flip_test(a, b, seed=1).p
 
@@ -90,11 +90,11 @@ def test_the_interval_of_following_is_a_jackknife_over_episodes() -> None:
     episodes, full = np.repeat(np.arange(10), 4), rng.uniform(2, 4, 40)
     gains = 0.6 * full + rng.normal(size=40)
     found = follow(gains, full, episodes, seed=0)
-    left = [gains[episodes != one].sum() / full[episodes != one].sum() for one in range(10)]
+    left = [gains[episodes != index].sum() / full[episodes != index].sum() for index in range(10)]
     error = np.sqrt(9 / 10 * np.sum((left - np.mean(left)) ** 2))
     wide = stats.t.ppf(0.99, 9) * error
     assert found.ci == pytest.approx((found.value - wide, found.value + wide))
-    means = np.array([gains[episodes == one].mean() for one in range(10)])
+    means = np.array([gains[episodes == index].mean() for index in range(10)])
     theirs = stats.permutation_test(
         (means, np.zeros(10)),
         lambda x, y: np.mean(x - y),
@@ -160,5 +160,5 @@ def test_patterns_that_are_drawn_in_parts_are_all_counted(monkeypatch: pytest.Mo
 
 def test_outcomes_that_are_yes_or_no_are_numbers() -> None:
     """Collided or not, in each of five worlds."""
-    found = sign_flip_test([True, True, True, False, True], [False] * 5, seed=0)
-    assert (found.value, found.p) == (0.8, 2 / 16)
+    statistic = sign_flip_test([True, True, True, False, True], [False] * 5, seed=0)
+    assert (statistic.value, statistic.p) == (0.8, 2 / 16)

@@ -176,9 +176,13 @@ def test_the_bound_per_frame_without_an_event_is_where_the_wealth_of_all_stakes_
     n: int, frames: int, longest: int
 ) -> None:
     """Equal episodes multiply a bet alike, so that its wealth is known by hand."""
-    found = ratio_bound([0] * n, [frames] * n, longest)
-    assert (found.value, found.n, found.detail) == (0, n * frames, {"events": 0, "episodes": n, "longest": longest})
-    rate = upper(found)
+    statistic = ratio_bound([0] * n, [frames] * n, longest)
+    assert (statistic.value, statistic.n, statistic.detail) == (
+        0,
+        n * frames,
+        {"events": 0, "episodes": n, "longest": longest},
+    )
+    rate = upper(statistic)
     gain = rate * frames / ((1 - rate) * longest)
     wealth = 0.5 * (1 + gain) ** n + sum(0.5 / 12 * (1 + gain / 2**place) ** n for place in range(1, 13))
     assert wealth == pytest.approx(20, rel=1e-4)

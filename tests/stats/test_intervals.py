@@ -17,7 +17,7 @@ from eyechart.stats.episodes import (
     median_over_episodes,
     share_over_episodes,
 )
-from eyechart.stats.jackknife import FEW, association_interval, half_exceeded, mean_of_frames, over_tables
+from eyechart.stats.jackknife import FEW, association_interval, excess_over_half, mean_of_frames, over_tables
 from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.resamples import permute_agreement
 from eyechart.stats.statistic import Statistic
@@ -30,11 +30,11 @@ def test_of_a_coin_the_interval_of_information_holds_none_and_its_own_value() ->
     rng, held = np.random.default_rng(0), 0
     for _ in range(60):
         tables = rng.multinomial(3, np.full(5, 0.2), size=(12, 4)).astype(float)
-        found = over_tables(tables, information_of_tables, 2.0)
-        assert found.ci is not None
-        assert found.value is not None
-        assert found.ci[0] <= found.value <= found.ci[1]
-        held += found.ci[0] <= 0
+        statistic = over_tables(tables, information_of_tables, 2.0)
+        assert statistic.ci is not None
+        assert statistic.value is not None
+        assert statistic.ci[0] <= statistic.value <= statistic.ci[1]
+        held += statistic.ci[0] <= 0
     assert held >= 57
 
 
@@ -88,16 +88,16 @@ def test_few_episodes_have_no_interval_and_the_reason() -> None:
 
 def test_an_interval_that_excludes_its_value_is_told_from_a_sound_one() -> None:
     """Rounding apart, and also where a number was changed afterwards."""
-    one = Statistic(0.5, 3, (0.4, 0.6))
+    statistic = Statistic(0.5, 3, (0.4, 0.6))
     odd = (
         Statistic(0.5, 3, (0.6, 0.7)),
         Statistic(0.5, 3, (0.1, 0.49)),
         Statistic(0.5, 3, (float("nan"), 0.6)),
-        replace(one, value=0.7),
+        replace(statistic, value=0.7),
         SignTest(0.5, 3, (0.6, 0.7), wins=1, losses=1, ties=1),
     )
     assert not any(each.is_sound for each in odd)
-    sound = (one, one.less(0.1), Statistic(0.5, 3, (0.5 + 1e-12, 0.6)), Statistic(None, 3, (0.1, 0.2)))
+    sound = (statistic, statistic.less(0.1), Statistic(0.5, 3, (0.5 + 1e-12, 0.6)), Statistic(None, 3, (0.1, 0.2)))
     assert all(each.is_sound for each in sound)
 
 
@@ -106,28 +106,28 @@ def test_no_statistic_of_a_score_excludes_its_own_value(name: str) -> None:
     """Of every statistic that a battery has, of every controller of known answer."""
     world = make_world(SETTINGS["default"], np.random.default_rng(1))
     answered = answers_of(KNOWN[name], SETTINGS["default"], world, random.Random(1))  # noqa: S311 - no secret
-    for test, one in statistics_of(answered, Resampling(resamples=99)).items():
-        assert one.is_sound, test
+    for test, statistic in statistics_of(answered, Resampling(resamples=99)).items():
+        assert statistic.is_sound, test
 
 
 def test_the_agreement_of_random_orders_lies_in_its_interval_also_where_hardly_any_agrees() -> None:
     """Of one decision that stands once in each of two long series."""
     table = np.zeros((3, 3), dtype=int)
     table[0, 1], table[2, 0], table[2, 1] = 1, 1, 198
-    found = permute_agreement(table, seed=0, resamples=500)
-    assert found.ci is not None
-    assert found.value is not None
-    assert found.ci[0] <= found.value <= found.ci[1]
+    statistic = permute_agreement(table, seed=0, resamples=500)
+    assert statistic.ci is not None
+    assert statistic.value is not None
+    assert statistic.ci[0] <= statistic.value <= statistic.ci[1]
 
 
 def test_a_mean_of_frames_has_the_interval_of_its_episodes() -> None:
     """By hand: episodes of means 1, 1, 1, 0, 0, 0 of four frames each; t of 5 degrees at .95 is 2.015."""
     scores = np.repeat([1.0, 1.0, 1.0, 0.0, 0.0, 0.0], 4)
-    found = mean_of_frames(scores, np.repeat(np.arange(6), 4))
+    statistic = mean_of_frames(scores, np.repeat(np.arange(6), 4))
     left = np.array([2 / 5] * 3 + [3 / 5] * 3)
     wide = 2.015048373 * np.sqrt(5 / 6 * ((left - 0.5) ** 2).sum())
-    assert found.value == 0.5
-    assert found.ci == pytest.approx((0.5 - wide, 0.5 + wide))
+    assert statistic.value == 0.5
+    assert statistic.ci == pytest.approx((0.5 - wide, 0.5 + wide))
 
 
 def test_frames_that_do_not_differ_leave_open_what_was_not_seen() -> None:
@@ -160,10 +160,10 @@ def test_a_rate_less_half_of_another_has_the_interval_of_its_episodes() -> None:
     """By hand: 6 of 24 against 12 of 24 in six episodes, of which the first holds all six; and what cannot be said."""
     first = np.array([[4, 2, 0, 0, 0, 0], [4] * 6])
     second = np.array([[2] * 6, [4] * 6])
-    found = half_exceeded(first, second, np.arange(6))
+    statistic = excess_over_half(first, second, np.arange(6))
     left = np.array([2 / 20, 4 / 20, *[6 / 20] * 4]) - 1 / 4
     wide = 2.015048373 * np.sqrt(5 / 6 * ((left - left.mean()) ** 2).sum())
-    assert (found.value, found.n) == (0.0, 24)
-    assert found.ci == pytest.approx((-wide, wide))
-    assert half_exceeded(first[:, :5], second[:, :5], np.arange(5)).ci is None
-    assert half_exceeded(0 * first, second, np.arange(6)).value is None
+    assert (statistic.value, statistic.n) == (0.0, 24)
+    assert statistic.ci == pytest.approx((-wide, wide))
+    assert excess_over_half(first[:, :5], second[:, :5], np.arange(5)).ci is None
+    assert excess_over_half(0 * first, second, np.arange(6)).value is None

@@ -27,9 +27,9 @@ def test_what_is_kept_of_the_call_before_is_found_and_measured() -> None:
 
     Of what it has beyond the mean of two answers, a quarter is therefore that of its own call before.
     """
-    found = memory_share(*_drawn(np.random.default_rng(2), 1.0, 4000), seed=0)
-    assert found.p == 0.001
-    assert found.value == pytest.approx(0.25, abs=0.03)
+    statistic = memory_share(*_drawn(np.random.default_rng(2), 1.0, 4000), seed=0)
+    assert statistic.p == 0.001
+    assert statistic.value == pytest.approx(0.25, abs=0.03)
 
 
 def test_too_few_calls_and_equal_answers_cannot_say() -> None:

@@ -15,8 +15,8 @@ from eyechart.stats.order import (
     compared_twice,
     density,
     greatest_rise,
-    lost_beyond_noise,
     order_of,
+    order_violation_p,
     wrong_way,
 )
 from eyechart.stats.statistic import Statistic
@@ -33,19 +33,19 @@ def _tail(lost: int, pairs: int, wavered: int, repeats: int) -> float:
 )
 def test_pairs_lost_are_as_rare_as_the_binomial_of_their_sum_says(given: tuple[int, int, int, int]) -> None:
     """One lost pair of 144 where no repeat of 144 wavers has p 1/3: noise loses half as many as repeats disagree."""
-    assert lost_beyond_noise(*given) == pytest.approx(_tail(*given), rel=1e-12)
+    assert order_violation_p(*given) == pytest.approx(_tail(*given), rel=1e-12)
 
 
 def test_one_lost_pair_without_any_noise_has_p_one_third() -> None:
     """By hand: 144 / (144 + 2 x 144)."""
-    assert lost_beyond_noise(1, 144, 0, 144) == pytest.approx(1 / 3, abs=1e-15)
+    assert order_violation_p(1, 144, 0, 144) == pytest.approx(1 / 3, abs=1e-15)
 
 
 @pytest.mark.parametrize("given", [(0, 0, 1, 10), (1, 10, 0, 0)])
 def test_without_pairs_or_repeats_there_is_nothing_to_compare(given: tuple[int, int, int, int]) -> None:
     """It is an error, not a p."""
     with pytest.raises(ValueError, match="no pairs, or no repeats"):
-        lost_beyond_noise(*given)
+        order_violation_p(*given)
 
 
 def _twice(nearer: list[list[float]], farther: list[list[float]]) -> list[list[float]]:

@@ -11,9 +11,9 @@ USUAL = RNG.normal(size=(144, 2))
 
 def spoilt(size: float, rows: int = 1) -> np.ndarray:
     """Return the usual numbers with some of the first column far away."""
-    found = USUAL.copy()
-    found[:rows, 0] = size
-    return found
+    result = USUAL.copy()
+    result[:rows, 0] = size
+    return result
 
 
 @pytest.mark.parametrize("size", [30.0, -30.0, 1e3, 1e12])

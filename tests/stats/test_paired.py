@@ -170,20 +170,20 @@ def test_a_sampled_label_swap_is_never_impossible() -> None:
     """With random swaps the data count as one of them: a complete change of answers gives 1/(B+1), not 0."""
     first = np.array(["a", "b", "c", "d", "e"] * 40)
     second = np.array(["z"] * 200)
-    found = paired_tests.label_swap_test(first, second, seed=0, resamples=200)
-    assert "B=200" in found.method
-    assert found.p == pytest.approx(1 / 201)
+    statistic = paired_tests.label_swap_test(first, second, seed=0, resamples=200)
+    assert "B=200" in statistic.method
+    assert statistic.p == pytest.approx(1 / 201)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 60), st.integers(0, 60), st.integers(1, 80))
 def test_a_net_effect_reaches_the_margin_exactly_where_its_p_says_so(wins: int, losses: int, more: int) -> None:
     """The lower end of the 80 % interval and the one-sided test at .10 are the same rule."""
-    found = paired_tests.net_effect(wins, losses, wins + losses + more)
-    assert found.value == pytest.approx((wins - losses) / (wins + losses + more))
-    assert found.level == 0.8
-    if abs(found.ci[0] - 0.1) > 1e-9:
-        assert (found.ci[0] > 0.1) == (found.p < 0.1)
+    statistic = paired_tests.net_effect(wins, losses, wins + losses + more)
+    assert statistic.value == pytest.approx((wins - losses) / (wins + losses + more))
+    assert statistic.level == 0.8
+    if abs(statistic.ci[0] - 0.1) > 1e-9:
+        assert (statistic.ci[0] > 0.1) == (statistic.p < 0.1)
 
 
 def test_the_bound_of_a_net_effect_is_tangos() -> None:
@@ -210,15 +210,15 @@ def test_an_association_in_one_group_is_fishers_and_over_groups_their_sum() -> N
             for k in range(int(y.sum()) + 1):
                 sums[total + k] = sums.get(total + k, 0.0) + chance * hyper.pmf(k)
         chances = sums
-    found = paired_tests.stratified_association(first, second, groups.tolist())
-    assert found.p == pytest.approx(sum(one for total, one in chances.items() if total >= (first * second).sum()))
+    statistic = paired_tests.stratified_association(first, second, groups.tolist())
+    assert statistic.p == pytest.approx(sum(one for total, one in chances.items() if total >= (first * second).sum()))
 
 
 def test_a_group_in_which_one_side_never_varies_says_nothing() -> None:
     """Who looks at its own lane alone turns one way in each lane: nothing is associated within it."""
     left, clear = [1, 1, 1, 0, 0, 0], [1, 1, 0, 0, 0, 1]
-    found = paired_tests.stratified_association(left, clear, ["l"] * 3 + ["r"] * 3)
-    assert (found.value, found.n, found.p) == (None, 0, 1.0)
+    statistic = paired_tests.stratified_association(left, clear, ["l"] * 3 + ["r"] * 3)
+    assert (statistic.value, statistic.n, statistic.p) == (None, 0, 1.0)
     assert paired_tests.stratified_association(left, left, ["both"] * 6).p == pytest.approx(1 / 20)
 
 

@@ -32,7 +32,7 @@ def test_partners_are_spread_over_the_other_episodes() -> None:
     """The ten frames of an episode have partners of at least four others."""
     episodes = np.repeat(np.arange(12), 10)
     found = balanced_partners(list(episodes), list(range(120)), seed=1)
-    assert min(len(set(episodes[found[episodes == one]])) for one in range(12)) >= 4
+    assert min(len(set(episodes[found[episodes == index]])) for index in range(12)) >= 4
 
 
 def test_who_has_no_partner_gets_nobody_and_others_any() -> None:

@@ -84,10 +84,10 @@ def test_agreement_in_random_order_is_that_of_all_orders() -> None:
     every = np.array([sum(a == b for a, b in zip(order, asked, strict=True)) for order in itertools.permutations(mine)])
     table = np.zeros((3, 3), dtype=int)
     np.add.at(table, (mine, asked), 1)
-    found = resamples.permute_agreement(table, seed=0, resamples=20_000)
-    assert found.value == pytest.approx(every.mean() / 6)
-    assert found.p == pytest.approx((every >= 4).mean(), abs=0.01)
-    assert found.ci == tuple(np.quantile(every, [0.025, 0.975]) / 6)
-    assert (found.n, found.detail) == (6, {"labels": 3, "observed": 4 / 6})
-    assert "95% of 20000 orders" in found.method
+    statistic = resamples.permute_agreement(table, seed=0, resamples=20_000)
+    assert statistic.value == pytest.approx(every.mean() / 6)
+    assert statistic.p == pytest.approx((every >= 4).mean(), abs=0.01)
+    assert statistic.ci == tuple(np.quantile(every, [0.025, 0.975]) / 6)
+    assert (statistic.n, statistic.detail) == (6, {"labels": 3, "observed": 4 / 6})
+    assert "95% of 20000 orders" in statistic.method
     assert resamples.permute_agreement(np.zeros((2, 2)), seed=0).value is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eyechart.stats.shapley import shapley_values, subsets
-from eyechart.stats.total_effect import half_squares
+from eyechart.stats.total_effect import squared_distance
 
 NAMES = ("cameras", "state", "instruction")
 SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
@@ -14,12 +14,12 @@ SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 def worths(answer: object) -> dict[frozenset[str], np.ndarray]:
     """Return half squared distances over all pairs of worlds of three signs, with each subset exchanged."""
-    own, other = (np.array(one) for one in zip(*product(SIGNS, SIGNS), strict=True))
-    found = {}
+    own, other = (np.array(pair) for pair in zip(*product(SIGNS, SIGNS), strict=True))
+    result = {}
     for some in subsets(NAMES):
         mixed = np.where([name in some for name in NAMES], other, own)
-        found[some] = half_squares(*(np.array([[answer(*one)] for one in each])[None] for each in (own, mixed)))
-    return found
+        result[some] = squared_distance(*(np.array([[answer(*one)] for one in each])[None] for each in (own, mixed)))
+    return result
 
 
 def test_an_addition_and_an_interaction_are_divided_as_by_hand() -> None:

@@ -12,19 +12,19 @@ from eyechart.stats.partners import balanced_partners
 from eyechart.stats.total_effect import (
     LEVEL,
     Pairs,
-    half_squares,
+    dispersion_change,
+    distance_from_log,
     held_still,
     misfit_share,
     noise_share,
-    relabelling_p,
+    permutation_p,
     responding,
-    rounded,
-    scattering,
+    rounding_tolerance,
     share_beyond,
     share_difference,
     shares_of_parts,
+    squared_distance,
     total_effect,
-    unlikeness,
 )
 
 EPISODES, EACH = 12, 6
@@ -48,18 +48,18 @@ def world(share: float, rng: np.random.Generator, noise: float = 0.0, answers: i
 def estimate(own: np.ndarray, swapped: np.ndarray, partners: np.ndarray, episodes: np.ndarray):  # noqa: ANN201
     """Return the share of a world."""
     owner, partner = episodes, episodes[partners]
-    effect = Pairs(half_squares(own, swapped), owner, partner)
-    return total_effect(effect, Pairs(half_squares(own, own[:, partners]), owner, partner), sampled=len(own) > 1)
+    effect = Pairs(squared_distance(own, swapped), owner, partner)
+    return total_effect(effect, Pairs(squared_distance(own, own[:, partners]), owner, partner), sampled=len(own) > 1)
 
 
 def test_half_squares_are_by_hand() -> None:
     """One answer: ½ of the mean of 1, 4 and 1; two: ½ of the mean product of the two differences."""
     one, other = np.array([[[1.0, 2.0, 3.0]]]), np.array([[[2.0, 4.0, 4.0]]])
-    assert half_squares(one, other) == pytest.approx([(1 + 4 + 1) / 3 / 2])
+    assert squared_distance(one, other) == pytest.approx([(1 + 4 + 1) / 3 / 2])
     r, s = np.array([[[1.0, 0.0]], [[3.0, 1.0]]]), np.array([[[0.0, 0.0]], [[1.0, 2.0]]])
-    assert half_squares(r, s) == pytest.approx([(1 * 2 + 0 * -1) / 2 / 2])
+    assert squared_distance(r, s) == pytest.approx([(1 * 2 + 0 * -1) / 2 / 2])
     with pytest.raises(ValueError, match="one shape"):
-        half_squares(one, other[:, :, :2])
+        squared_distance(one, other[:, :, :2])
 
 
 def test_several_answers_are_the_mean_over_ordered_pairs_of_different_answers() -> None:
@@ -67,17 +67,17 @@ def test_several_answers_are_the_mean_over_ordered_pairs_of_different_answers() 
     rng = np.random.default_rng(1)
     r, s = rng.normal(size=(4, 5, 8, 3)), rng.normal(size=(4, 5, 8, 3))
     pairs = [(r[a] - s[a]) * (r[b] - s[b]) for a, b in itertools.permutations(range(4), 2)]
-    assert half_squares(r, s) == pytest.approx(np.mean(pairs, axis=0).mean(axis=(1, 2)) / 2)
+    assert squared_distance(r, s) == pytest.approx(np.mean(pairs, axis=0).mean(axis=(1, 2)) / 2)
 
 
 def test_the_interval_is_that_of_a_jackknife_written_out() -> None:
     """Leaving an episode out as owner and as partner, in a loop over frames, gives the same standard error."""
     own, swapped, partners, episodes = world(0.3, np.random.default_rng(5))
     found = estimate(own, swapped, partners, episodes)
-    x, v = half_squares(own, swapped), half_squares(own, own[:, partners])
+    x, v = squared_distance(own, swapped), squared_distance(own, own[:, partners])
     left = []
-    for one in range(EPISODES):
-        keep = [i for i in range(len(x)) if episodes[i] != one and episodes[partners[i]] != one]
+    for index in range(EPISODES):
+        keep = [i for i in range(len(x)) if episodes[i] != index and episodes[partners[i]] != index]
         left.append(x[keep].mean() / v[keep].mean())
     error = np.sqrt((EPISODES - 1) / EPISODES * np.sum((left - np.mean(left)) ** 2))
     share = x.mean() / v.mean()
@@ -161,18 +161,18 @@ def test_relabellings_that_are_drawn_in_parts_are_as_many_as_were_asked_for(monk
     """Of equal answers every deal is as far apart, so that p is 1; seven a part, and five in the last."""
     monkeypatch.setattr("eyechart.stats.statistic.CHUNK_BYTES", 8 * 4 * 7)
     equal = np.zeros((2, 4, 1))
-    assert relabelling_p(equal, equal, seed=0, resamples=19) == 1.0
+    assert permutation_p(equal, equal, seed=0, resamples=19) == 1.0
 
 
 def test_relabelling_is_exact_and_needs_two_answers() -> None:
     """By hand: one frame, answers 0 and 0 against 1 and 1; of three deals one is as far apart, so p tends to 1/3."""
     r, s = np.zeros((2, 1, 1)), np.ones((2, 1, 1))
-    assert relabelling_p(r, s, seed=0, resamples=3000) == pytest.approx(1 / 3, abs=0.03)
-    assert relabelling_p(r[:1], s[:1], seed=0) is None
+    assert permutation_p(r, s, seed=0, resamples=3000) == pytest.approx(1 / 3, abs=0.03)
+    assert permutation_p(r[:1], s[:1], seed=0) is None
     rng = np.random.default_rng(4)
-    ps = [relabelling_p(*rng.normal(size=(2, 2, 20, 3)), seed=turn, resamples=199) for turn in range(300)]
+    ps = [permutation_p(*rng.normal(size=(2, 2, 20, 3)), seed=turn, resamples=199) for turn in range(300)]
     assert np.mean([p <= 0.05 for p in ps]) <= 0.085
-    assert relabelling_p(rng.normal(size=(2, 20, 3)), 2 + rng.normal(size=(2, 20, 3)), seed=1) == 1 / 2000
+    assert permutation_p(rng.normal(size=(2, 20, 3)), 2 + rng.normal(size=(2, 20, 3)), seed=1) == 1 / 2000
 
 
 def test_shares_of_dimensions_and_steps_are_ratios_of_their_own() -> None:
@@ -182,10 +182,10 @@ def test_shares_of_dimensions_and_steps_are_ratios_of_their_own() -> None:
     own[..., 2] = 7.0
     swapped, others = own.copy(), own[:, ::-1]
     swapped[..., 0] = others[..., 0]
-    found = shares_of_parts(own, swapped, own, others)
-    assert found["dimension"] == pytest.approx((1.0, 0.0, None), abs=1e-12)
-    assert len(found["step"]) == 8
-    assert all(0.3 < share < 0.7 for share in found["step"])
+    shares = shares_of_parts(own, swapped, own, others)
+    assert shares["dimension"] == pytest.approx((1.0, 0.0, None), abs=1e-12)
+    assert len(shares["step"]) == 8
+    assert all(0.3 < share < 0.7 for share in shares["step"])
 
 
 def test_noise_is_a_share_of_what_varies() -> None:
@@ -203,10 +203,10 @@ def test_misfit_is_one_minus_r_squared() -> None:
     rng = np.random.default_rng(9)
     logged = rng.normal(size=(60, 2, 2))
     answers = logged + 0.5 * rng.normal(size=logged.shape)
-    found = misfit_share(answers, logged, np.repeat(np.arange(6), 10))
+    statistic = misfit_share(answers, logged, np.repeat(np.arange(6), 10))
     spread = ((logged - logged.mean(axis=0)) ** 2).sum()
-    assert found.value == pytest.approx(((answers - logged) ** 2).sum() / spread)
-    assert found.ci[0] < found.value < found.ci[1]
+    assert statistic.value == pytest.approx(((answers - logged) ** 2).sum() / spread)
+    assert statistic.ci[0] < statistic.value < statistic.ci[1]
     assert misfit_share(logged, np.ones_like(logged), np.arange(60)).value is None
 
 
@@ -216,13 +216,13 @@ def test_unlikeness_is_of_the_whole_and_not_of_the_moment() -> None:
     logged = rng.normal([0, 5], [1, 2], (400, 4, 2))
 
     def sizes(answers: np.ndarray, log: np.ndarray = logged) -> tuple[float, ...]:
-        return tuple(size for size, _ in unlikeness(answers, log))
+        return tuple(size for size, _ in distance_from_log(answers, log))
 
     assert sizes(logged[::-1]) == pytest.approx((0.0, 1.0))
     assert sizes(logged * [1, 3]) == pytest.approx((5.0, 3.0), rel=0.02)
-    assert [which for _, which in unlikeness(logged * [1, 3], logged)] == [1, 1]
+    assert [which for _, which in distance_from_log(logged * [1, 3], logged)] == [1, 1]
     assert sizes(logged * [0.1, 1]) == pytest.approx((0.0, 10.0), abs=0.02, rel=0.02)
-    assert unlikeness(logged * [0.1, 1], logged)[1][1] == 0
+    assert distance_from_log(logged * [0.1, 1], logged)[1][1] == 0
     assert sizes(np.ones((9, 2, 1)), np.zeros((9, 2, 1))) == (1.0, 1.0)
     held = logged * [1, 0] + [0, 5] + 1e-6 * rng.normal(size=logged.shape)
     assert sizes(held) == pytest.approx((0.0, 1.0), abs=0.1), "a gripper that is never closed"
@@ -232,22 +232,22 @@ def test_who_scatters_otherwise_is_found_though_its_mean_stays() -> None:
     """By a share of the variation, and a test that deals answers out anew; a moved mean is no scatter."""
     rng = np.random.default_rng(5)
     still, moved = (rng.normal(size=(4, 60, 2, 1)) for _ in range(2))
-    assert scattering(still, moved, 1.0, seed=0)[1] > 0.01
-    assert scattering(still, moved + 3, 1.0, seed=0)[1] > 0.01
-    size, p = scattering(0.1 * still, moved, 2.0, seed=0)
+    assert dispersion_change(still, moved, 1.0, seed=0)[1] > 0.01
+    assert dispersion_change(still, moved + 3, 1.0, seed=0)[1] > 0.01
+    size, p = dispersion_change(0.1 * still, moved, 2.0, seed=0)
     assert p == 1 / 2000
     assert 0.1 < size < 0.5, "half a variance of 1, less what chance brings about in four answers"
     turn = rng.integers(2, size=(1, 60, 1, 1))
     sides = [np.where(turn == which, 1.0, 0.2) * rng.normal(size=still.shape) for which in (0, 1)]
-    assert scattering(*sides, 2.0, seed=0)[1] == 1 / 2000, "of each frame, although as many scatter more as less"
-    assert scattering(still[:1], moved[:1], 1.0, seed=0) is None
-    assert scattering(still, moved, 0.0, seed=0) is None
+    assert dispersion_change(*sides, 2.0, seed=0)[1] == 1 / 2000, "of each frame, although as many scatter more as less"
+    assert dispersion_change(still[:1], moved[:1], 1.0, seed=0) is None
+    assert dispersion_change(still, moved, 0.0, seed=0) is None
 
 
 def test_answers_within_rounding_are_one() -> None:
     """A ten-thousandth of what each number varies by between moments."""
     answers = np.random.default_rng(3).normal([0, 5], [1, 20], (400, 4, 2))
-    assert rounded(answers) == pytest.approx([1e-4, 2e-3], rel=0.1)
+    assert rounding_tolerance(answers) == pytest.approx([1e-4, 2e-3], rel=0.1)
 
 
 def skewed(shares: tuple[float, ...], rng: np.random.Generator) -> tuple[Pairs, ...]:
@@ -265,10 +265,10 @@ def skewed(shares: tuple[float, ...], rng: np.random.Generator) -> tuple[Pairs, 
 def test_how_much_larger_a_share_is_has_the_ends_at_which_the_ratio_leaves_one() -> None:
     """By the definition: at an end, the logarithm of the ratio is t standard errors of its jackknife away from 0."""
     effect, other, variation = skewed((0.4, 0.1, 1.0), np.random.default_rng(3))
-    found = share_beyond(effect, other, variation)
-    assert found.value == pytest.approx(effect.values.mean() - other.values.mean(), rel=0.6)
-    assert found.ci is not None
-    for end, side in zip(found.ci, (1, -1), strict=True):
+    statistic = share_beyond(effect, other, variation)
+    assert statistic.value == pytest.approx(effect.values.mean() - other.values.mean(), rel=0.6)
+    assert statistic.ci is not None
+    for end, side in zip(statistic.ci, (1, -1), strict=True):
         left = []
         for episode in range(EPISODES):
             kept = (effect.owner != episode) & (effect.partner != episode)
@@ -285,12 +285,12 @@ def test_a_difference_of_two_equal_shares_is_seldom_said_to_be_more() -> None:
     rng, passed, plain = np.random.default_rng(4), 0, 0
     for _ in range(400):
         effect, other, variation = skewed((0.22, 0.20, 1.0), rng)
-        found = share_beyond(effect, other, variation)
+        statistic = share_beyond(effect, other, variation)
         both = Pairs(effect.values - other.values, effect.owner, effect.partner)
         naive = total_effect(both, variation, sampled=True)
-        assert found.ci is not None
+        assert statistic.ci is not None
         assert naive.ci is not None
-        passed += found.ci[0] > 0.02
+        passed += statistic.ci[0] > 0.02
         plain += naive.ci[0] > 0.02
     assert passed / 400 < 0.03
     assert plain / 400 > 0.04
@@ -325,7 +325,7 @@ def test_a_partner_may_be_of_an_episode_that_was_not_asked() -> None:
     owner = np.repeat(np.arange(4), 3)
     effect = Pairs(rng.uniform(0.1, 0.2, 12), owner, rng.integers(4, 9, 12))
     variation = Pairs(rng.uniform(1, 2, 12), owner, (owner + 1) % 4)
-    found = total_effect(effect, variation)
-    assert found.value == pytest.approx(effect.values.mean() / variation.values.mean())
-    assert found.ci is not None
+    statistic = total_effect(effect, variation)
+    assert statistic.value == pytest.approx(effect.values.mean() / variation.values.mean())
+    assert statistic.ci is not None
     assert share_difference((effect, variation), (effect, variation)).value == 0

@@ -23,7 +23,7 @@ from eyechart.stats import (
     sign_flip,
     total_effect,
 )
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 Said = dict[str, object]
 Case = tuple[Callable[[], Statistic], Said]
@@ -667,7 +667,7 @@ CASES: dict[str, Case] = {
         ),
         {"value": pytest.approx(2.5), "n": 3, "method": OWN, "level": 0.9},
     ),
-    "cannot say": (lambda: cannot_say("why"), {"value": None, "n": 0, "method": "", "note": "why"}),
+    "cannot say": (lambda: not_available("why"), {"value": None, "n": 0, "method": "", "note": "why"}),
 }
 
 
@@ -759,7 +759,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         lambda: sign_flip.follow([1], [1, 2], [0], seed=0),
         "1 gains, 2 full ones and 1 episodes: give one a frame",
     ),
-    "no pairs and no repeats": (lambda: order.lost_beyond_noise(0, 0, 0, 0), "no pairs, or no repeats"),
+    "no pairs and no repeats": (lambda: order.order_violation_p(0, 0, 0, 0), "no pairs, or no repeats"),
     "no episodes to lose": (
         lambda: risk_bounds.share_bound(2, 1),
         "need 0 <= k <= n and a confidence in (0, 1), got 2 of 1 at 0.95",
@@ -837,7 +837,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         "strata=0 must be at least 1 and alpha=0.01 in (0, 1)",
     ),
     "answers of two shapes": (
-        lambda: total_effect.half_squares([[[1.0]]], [[1.0]]),
+        lambda: total_effect.squared_distance([[[1.0]]], [[1.0]]),
         "need two arrays of one shape (answers, frames, numbers…), got (1, 1, 1) and (1, 1)",
     ),
 }

@@ -38,9 +38,9 @@ def ruled(rule: simulated.Rule, **how: tuple[str, ...]) -> tuple[Ruling, str, di
 
 def ruled_on(answered: Answers) -> tuple[Ruling, str, dict[str, Statistic]]:
     """Return the ruling on answers, its grade of evidence, and the statistics."""
-    found = statistics_of(answered, HOW)
-    lateral = lateral_rules(found, answered.directions()).label
-    return *calibrated_rules(found, turns=earns_lateral(found, lateral)), found
+    statistics = statistics_of(answered, HOW)
+    lateral = lateral_rules(statistics, answered.directions()).label
+    return *calibrated_rules(statistics, turns=earns_lateral(statistics, lateral)), statistics
 
 
 def by_lead(frame: Frame) -> str:
@@ -277,10 +277,10 @@ def test_turns_to_the_clear_side_earn_their_own_label() -> None:
     """To the clear side it is turns_clear and depth_lateral; to the blocked one it is swaps and depth."""
     for to_clear, lateral, label in ((True, "turns_clear", "depth_lateral"), (False, "swaps", "depth")):
         answered = simulated.answers(lambda c, f, _, to=to_clear: turning(c, f, to), WORLD)
-        found = statistics_of(answered, HOW)
-        assert lateral_rules(found, answered.directions()).label == lateral
+        statistics = statistics_of(answered, HOW)
+        assert lateral_rules(statistics, answered.directions()).label == lateral
         assert ruled_on(answered)[0].label == label
-        assert found["turns_clear"].value == float(to_clear)
+        assert statistics["turns_clear"].value == float(to_clear)
 
 
 def test_who_looks_at_its_own_lane_alone_does_not_turn_to_the_clear_side() -> None:
@@ -291,10 +291,10 @@ def test_who_looks_at_its_own_lane_alone_does_not_turn_to_the_clear_side() -> No
         for lane in (frame.truth["ego_lane"],)
     )
     answered = simulated.answers(lambda c, f, _: turning(c, f, by_lane=True), world)
-    found = statistics_of(answered, HOW)
-    assert found["turns_clear"].p < 0.01
-    assert found["turns_clear_within"].p == 1.0
-    assert lateral_rules(found, answered.directions()).label == "swaps"
+    statistics = statistics_of(answered, HOW)
+    assert statistics["turns_clear"].p < 0.01
+    assert statistics["turns_clear_within"].p == 1.0
+    assert lateral_rules(statistics, answered.directions()).label == "swaps"
     assert ruled_on(answered)[0].label == "depth"
 
 
@@ -309,10 +309,10 @@ def test_a_bank_that_does_not_know_the_sides_gives_no_authority_sideways() -> No
             lambda c, f, _: turning(c, replace(f, truth={"left_clear": f.step % 2 == 0, "ego_lane": 0, **f.truth})),
             world,
         )
-        found = statistics_of(answered, HOW)
-        assert lateral_rules(found, answered.directions()).label == "swaps"
+        statistics = statistics_of(answered, HOW)
+        assert lateral_rules(statistics, answered.directions()).label == "swaps"
         assert ruled_on(answered)[0].label == "depth"
-        assert found["turns_clear_within"].p is None
+        assert statistics["turns_clear_within"].p is None
 
 
 SOUND = statistics_of(simulated.answers(road(by_lead), WORLD), HOW)
@@ -395,6 +395,6 @@ def test_a_coin_has_its_thresholds(name: str, changed: dict[str, object], holds:
 def test_turns_to_the_clear_side_have_their_thresholds(name: str, p: float, label: str) -> None:
     """Both tests are at .01."""
     answered = simulated.answers(lambda c, f, _: turning(c, f), WORLD)
-    found = statistics_of(answered, HOW)
-    ruling = lateral_rules({**found, name: replace(found[name], p=p)}, answered.directions())
+    statistics = statistics_of(answered, HOW)
+    ruling = lateral_rules({**statistics, name: replace(statistics[name], p=p)}, answered.directions())
     assert ruling.label == label

@@ -136,7 +136,11 @@ def test_curves_fall_for_the_lead_alone(world: World) -> None:
     assert {one.level.value for one in curves["beside"]} == {0.0}
     for windows in curves.values():
         assert all(one.far == other.near for one, other in pairwise(windows))
-        assert all(0 <= one.level.ci[0] <= one.level.value <= one.level.ci[1] <= 1 for one in windows if one.level.ci)
+        assert all(
+            0 <= window.level.ci[0] <= window.level.value <= window.level.ci[1] <= 1
+            for window in windows
+            if window.level.ci
+        )
     assert sum(one.level.n for one in curves["drawn"]) == np.count_nonzero(
         ~np.isnan(moved_of(asked(KNOWN["depth"], world)).level("lead_drawn"))
     )

@@ -21,7 +21,7 @@ from eyechart.studies import battery as study
 from eyechart.studies.battery.answers import read_answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.paper_statistics import Resampling
-from eyechart.studies.battery.stages import asked_of_model, supplied
+from eyechart.studies.battery.stages import asked_of_model, available_controls
 from eyechart.verdicts import calibrated_rules, judge
 
 pytestmark = pytest.mark.slow
@@ -102,16 +102,16 @@ def followed(plan: Plan, may: tuple[str, ...], rule: Rule) -> tuple[list[tuple[C
     while fresh:
         for key in fresh:
             replies.append((key, level(rule(len(replies) / most, key, rng))))
-        asked = asked_of_model(plan, model, replies, may)
-        stage = replace(plan, conditions=asked.open).keys_of(model)
-        fresh = in_order(stage, key_seed("stage", plan.seed, model, *asked.open))
-    return replies, asked.controls
+        progress = asked_of_model(plan, model, replies, may)
+        stage = replace(plan, conditions=progress.open).keys_of(model)
+        fresh = in_order(stage, key_seed("stage", plan.seed, model, *progress.open))
+    return replies, progress.controls
 
 
 def orders(bank: FrameBank, out: Path) -> Iterator[tuple[Plan, tuple[str, ...]]]:
     """Yield the plan of a run in so many orders, with the controls that it may ask."""
     planned = study.plan(bank.root, ["standin:steady"], out)
-    may = supplied(planned.manifest, planned.plan)
+    may = available_controls(planned.manifest, planned.plan)
     for seed in range(ORDERS):
         yield replace(planned.plan, seed=seed), may
 
@@ -126,8 +126,10 @@ def test_drift_earns_no_depth(bank: FrameBank, tmp_path: Path, rule: Rule) -> No
         if not set(RANGED) <= set(controls):
             continue
         answers = read_answers("standin:steady", replies, replace(plan, controls={"standin:steady": controls}))
-        found = CalibratedStatistics(CalibratedTests(answers, Resampling(99, plan.seed, intervals=False)))
-        earned += calibrated_rules(found, turns=False)[0].label in {"depth", "partial_depth"}
+        calibratedstatistics = CalibratedStatistics(
+            CalibratedTests(answers, Resampling(99, plan.seed, intervals=False))
+        )
+        earned += calibrated_rules(calibratedstatistics, turns=False)[0].label in {"depth", "partial_depth"}
     assert earned <= 1
     if rule in {drawn_to_the_near, lucky}:
         assert called > ORDERS / 2
@@ -151,11 +153,11 @@ def test_drift_earns_no_depth_in_a_real_run(bank: FrameBank, tmp_path: Path, mon
     monkeypatch.setattr(stand_ins, "open_model", lambda name, _: drifting(rules[name]))
     specs = [f"standin:{name}" for name in rules]
     planned = study.plan(bank.root, specs, tmp_path / "run", seed=11)
-    wide = replace(planned.plan, controls=dict.fromkeys(specs, supplied(planned.manifest, planned.plan)))
+    wide = replace(planned.plan, controls=dict.fromkeys(specs, available_controls(planned.manifest, planned.plan)))
     by_seed = {key.seed(11): key for key in wide.keys()}  # noqa: SIM118 - a plan is no mapping
     study.run(planned, concurrency=3)
     score = study.score(tmp_path / "run", resamples=99)
-    for one in score.models.values():
-        assert set(RANGED) <= set(one.controls.controls)
-        assert judge(score)[one.model].calibrated.label not in {"depth", "partial_depth"}
+    for model in score.models.values():
+        assert set(RANGED) <= set(model.controls.controls)
+        assert judge(score)[model.model].calibrated.label not in {"depth", "partial_depth"}
     assert DRIVING.brake

@@ -200,7 +200,7 @@ def test_what_is_exported_is_what_a_run_asks(noisy: tuple[Path, Path, list[Row]]
     assert {about[row["call"]]: row["request_sha256"] for row in rows} == asked
     assert all(query_of(row, folder).stimulus.images.keys() <= {MAIN} for row in rows)
     pictures = {row["picture"] for row in rows} - {""}
-    assert sorted(f"pictures/{one.name}" for one in (folder / "pictures").iterdir()) == sorted(pictures)
+    assert sorted(f"pictures/{path.name}" for path in (folder / "pictures").iterdir()) == sorted(pictures)
     for name in pictures:
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest()[:24] == Path(name).stem
     assert len({(row["call"], row["repeat"]) for row in rows}) == len(rows) == len(asked)
@@ -284,7 +284,7 @@ def test_what_came_back_is_the_run_statistic_by_statistic(
     assert (found.new, found.errors, found.repeats, found.there) == (len(rows), 0, 0, 0)
     assert statistics_of(tmp_path / "run") == statistics_of(native)
     held, came = (
-        {key: (one.text, one.finish_reason) for key, one in replies_of(run).items()}
+        {key: (reply.text, reply.finish_reason) for key, reply in replies_of(run).items()}
         for run in (native, tmp_path / "run")
     )
     assert came == held
@@ -319,7 +319,7 @@ def test_an_import_says_what_else_a_run_is_asked_now(
     assert imported(bank.root, answers, out, few).new == 6
     more = BatterySettings(conditions=("real", "blank"), extent=BatterySelection(limit=8, controls="auto"))
     words = answer_import.read_import(bank.root, answer_import.source_of(answers), out, "vlm", more).widened
-    assert [one.removeprefix(f"{out} grows: ").partition(",")[0].partition(":")[0] for one in words] == [
+    assert [word.removeprefix(f"{out} grows: ").partition(",")[0].partition(":")[0] for word in words] == [
         "it now has blank too",
         "it now has 8 frames",
         "its controls are now 'auto'",
@@ -371,7 +371,7 @@ def test_columns_are_known_in_whatever_letters(
     answers = write(tmp_path / f"a{'.csv' if write is as_csv else '.jsonl'}", rows)
     assert imported(bank.root, answers, tmp_path / "run", ALL).new == len(rows)
     came = replies_of(tmp_path / "run")
-    assert {(one.finish_reason, one.prompt_tokens) for one in came.values()} == {("stop", 3)}
+    assert {(reply.finish_reason, reply.prompt_tokens) for reply in came.values()} == {("stop", 3)}
 
 
 def test_no_word_of_an_answer_brings_a_key_of_this_machine(
@@ -445,8 +445,8 @@ def test_commands_that_read_runs_read_an_imported_one(
     held = CliRunner().invoke(app, ["gate", str(out), "--require", "depth"])
     assert held.exit_code in {1, 2}
     assert "only their maker knows the questions and the model; accept that with --made-elsewhere" in held.output
-    made = CliRunner().invoke(app, ["report", str(out), "--out", str(tmp_path / "report.html")])
-    assert made.exit_code == 0
+    result = CliRunner().invoke(app, ["report", str(out), "--out", str(tmp_path / "report.html")])
+    assert result.exit_code == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "eyechart did not make these calls" in page
     write_bundle(out, tmp_path / "run.zip", resamples=100)
@@ -637,7 +637,7 @@ def test_the_export_is_there_whole_or_not_at_all(bank: FrameBank, tmp_path: Path
 
     with pytest.raises(KeyboardInterrupt):
         study.write_questions(asked, tmp_path / "out", progress=cut)
-    assert [one.name for one in tmp_path.iterdir()] == ["taken"]
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
     assert study.write_questions(asked, tmp_path / "out") == (36, 19)
     assert (tmp_path / "out").stat().st_mode & 0o777 == 0o755
 
@@ -652,7 +652,7 @@ def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_p
     )
     killed = subprocess.run([sys.executable, "-c", script, str(bank.root), str(out)], check=False)
     assert killed.returncode == -9
-    assert [one.name for one in tmp_path.iterdir()] == [left.name]
+    assert [path.name for path in tmp_path.iterdir()] == [left.name]
     asked = study.questions_of(bank.root, BatterySettings(conditions=("real", "blank")))
 
     def second(done: int, _: int) -> None:
@@ -661,8 +661,8 @@ def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_p
                 study.write_questions(asked, out)
 
     assert study.write_questions(asked, out, progress=second) == (36, 19)
-    assert [one.name for one in tmp_path.iterdir()] == ["out"]
-    assert sorted(one.name for one in out.iterdir()) == [
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert sorted(path.name for path in out.iterdir()) == [
         "README.txt",
         "asked.csv",
         "asked.json",
@@ -706,9 +706,9 @@ def test_the_commands_from_export_to_verdict(bank: FrameBank, tmp_path: Path) ->
     """One folder out, one table back; what is without an answer is said, and exits 1."""
     run = CliRunner()
     words = ["--conditions", "real,real_repeat,blank", "--limit", "6"]
-    made = run.invoke(app, ["frames", "export", str(bank.root), "--out", str(tmp_path / "asked"), *words])
-    assert made.exit_code == 0, made.output
-    assert "18 calls (6 real, 6 real_repeat, 6 blank)" in made.output
+    result = run.invoke(app, ["frames", "export", str(bank.root), "--out", str(tmp_path / "asked"), *words])
+    assert result.exit_code == 0, result.output
+    assert "18 calls (6 real, 6 real_repeat, 6 blank)" in result.output
     given = answered(rows_of(tmp_path / "asked"), tmp_path / "asked", stand_ins.stop)
     answers, out = json_lines(tmp_path / "my vlm.jsonl", given[1:]), tmp_path / "run"
     tried = run.invoke(

@@ -12,7 +12,7 @@ from filelock import FileLock
 import banks
 import stand_ins
 from eyechart.calls import CallKey, Reply
-from eyechart.conditions import BATTERY, CONDITIONS, OF_BANKS, available
+from eyechart.conditions import BATTERY, CONDITIONS, OF_BANKS, is_available
 from eyechart.errors import BankError, EyechartError, LedgerError, SpecError
 from eyechart.frames import FrameBank, decode, encode
 from eyechart.ledger import Ledger
@@ -56,7 +56,7 @@ def plan_and_run(bank: FrameBank, out: Path, *specs: str, **options: object) -> 
 def test_planning_writes_and_asks_nothing(bank: FrameBank, tmp_path: Path) -> None:
     """The number of calls is known before any is paid for."""
     planned = study.plan(bank.root, [NOISY, STEADY], tmp_path / "run")
-    able = sum(available(name, frame) for name in WITHOUT_TEXT for frame in bank)
+    able = sum(is_available(name, frame) for name in WITHOUT_TEXT for frame in bank)
     assert able >= 12 * 8 + 3 * sum(bool(frame.counterfactuals) for frame in bank)
     assert planned.counts() == (2 * able, 0, 0)
     assert planned.plan.conditions == WITHOUT_TEXT

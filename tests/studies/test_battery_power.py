@@ -45,8 +45,8 @@ def repeated(bank: FrameBank, times: int) -> FrameBank:
 def test_calls_are_counted_as_a_run_would_make_them(bank: FrameBank, tmp_path: Path) -> None:
     """The number of calls is that of the battery's own plan, condition by condition."""
     planned = battery.plan(bank.root, ["scripted:depth"], tmp_path / "run")
-    made = Counter(key.condition for key in planned.plan.keys_of("scripted:depth"))
-    assert power_of(bank).calls == made
+    counter = Counter(key.condition for key in planned.plan.keys_of("scripted:depth"))
+    assert power_of(bank).calls == counter
 
 
 def test_a_large_bank_can_say_everything(bank: FrameBank) -> None:
@@ -169,8 +169,8 @@ def test_the_plan_says_how_often_a_model_of_a_known_kind_gets_its_label(bank: Fr
 def test_with_its_controls_a_bank_can_show_depth(tmp_path: Path) -> None:
     """At no noise always, and of who reads on three frames of ten less often where frames are few."""
     controlled = banks.build_bank(tmp_path / "bank", episodes=3, steps=8, ranged=True)
-    found = odds_of(controlled, noise=0.0, draws=40)
-    assert found.depth["1"] == 1.0
+    odds = odds_of(controlled, noise=0.0, draws=40)
+    assert odds.depth["1"] == 1.0
     few = odds_of(controlled, noise=0.22, draws=40)
     assert few.depth["0.3"] is not None
     assert few.depth["0.3"] < (odds_of(repeated(controlled, 4), noise=0.22, draws=40).depth["0.3"] or 0)
@@ -213,22 +213,24 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
         return "STOP" if gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
 
     frames = simulated.frames()
-    found = CalibratedStatistics(CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99)))
+    calibratedstatistics = CalibratedStatistics(
+        CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99))
+    )
     read = set[str]()
 
     class Read(Mapping[str, Statistic]):
         def __getitem__(self, name: str) -> Statistic:
             read.add(name)
-            return found[name]
+            return calibratedstatistics[name]
 
         def __iter__(self) -> Iterator[str]:
-            return iter(found)
+            return iter(calibratedstatistics)
 
         def __len__(self) -> int:
-            return len(found)
+            return len(calibratedstatistics)
 
     assert calibrated_rules(Read(), turns=False)[0].label == kind
     named = {name.partition(" ")[0] for name in LEFT_OUT}
     left = {name for name in read - DRAWN if not name.startswith("content_nudged_")}  # as content is, and after it
     assert left <= named
-    assert named - DRAWN <= {*found}
+    assert named - DRAWN <= {*calibratedstatistics}

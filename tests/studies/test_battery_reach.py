@@ -65,7 +65,9 @@ def test_a_condition_that_is_missing_is_named(half: FrameBank, label: str, lacks
     """No more frames of such a bank would do."""
 
     def bare(frame):  # noqa: ANN001, ANN202
-        pictures = {name: one for name, one in frame.counterfactuals.items() if name == "recoloured"}
+        pictures = {
+            name: counterfactual for name, counterfactual in frame.counterfactuals.items() if name == "recoloured"
+        }
         return replace(frame, scenario="road", counterfactuals=pictures, cameras=banks.alone("none"))
 
     one = reached(replace(half, frames=tuple(map(bare, half.frames))))[label]

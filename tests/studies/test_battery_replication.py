@@ -38,9 +38,9 @@ def test_each_run_has_the_value_that_its_score_has() -> None:
     compared = 0
     for side, answers in (("first", first), ("second", second)):
         scored = statistics_of(answers, Resampling(resamples=50, intervals=False))
-        for name, one in found.items():
-            if isinstance(one, StatisticDifference):
-                assert getattr(one, side) == pytest.approx(scored[name].value), name
+        for name, difference in found.items():
+            if isinstance(difference, StatisticDifference):
+                assert getattr(difference, side) == pytest.approx(scored[name].value), name
                 compared += 1
     assert compared > 50
     assert all(
@@ -55,8 +55,8 @@ def test_the_same_answers_twice_differ_in_nothing() -> None:
     answers = simulated.answers(by_gap, WORLD)
     found = differences(answers, answers, resamples=50)
     assert found["across_runs"].value == 1
-    assert {one.value for name, one in found.items() if name != "across_runs"} == {0}
-    assert {one.p for name, one in found.items() if name != "across_runs"} == {1}
+    assert {difference.value for name, difference in found.items() if name != "across_runs"} == {0}
+    assert {difference.p for name, difference in found.items() if name != "across_runs"} == {1}
 
 
 def test_a_model_that_became_blind_is_found_by_name() -> None:
@@ -78,7 +78,10 @@ def test_another_constant_answer_is_a_change() -> None:
     found = differences(stop, left, resamples=500)
     assert (found["answer_shift"].value, found["across_runs"].value) == (1, 0)
     assert found["answer_shift"].p == pytest.approx(1 / 501)
-    assert {one.p for name, one in found.items() if name not in {"answer_shift", "across_runs"}} <= {1, None}
+    assert {difference.p for name, difference in found.items() if name not in {"answer_shift", "across_runs"}} <= {
+        1,
+        None,
+    }
 
 
 @pytest.mark.slow

@@ -45,9 +45,9 @@ def test_idi_adj_is_the_idi_less_the_noise_floor() -> None:
         answer = by_gap("real", frame, rng)
         return "STOP" if condition in {"blank", "real_repeat"} and rng.uniform() < 0.3 else answer
 
-    found = statistics_of(simulated.answers(wavers, WORLD), HOW)
-    assert found["noise_floor"].value > 0
-    assert found["idi_adj"].value == pytest.approx(found["idi"].value - found["noise_floor"].value)
+    statistics = statistics_of(simulated.answers(wavers, WORLD), HOW)
+    assert statistics["noise_floor"].value > 0
+    assert statistics["idi_adj"].value == pytest.approx(statistics["idi"].value - statistics["noise_floor"].value)
 
 
 def test_an_unparsed_that_meets_an_unparsed_agrees() -> None:
@@ -57,8 +57,8 @@ def test_an_unparsed_that_meets_an_unparsed_agrees() -> None:
         name: tuple(Decision(one) if one else Decision(None, "unparsed") for one in column)
         for name, column in given.items()
     }
-    found = statistics_of(Answers("m", WORLD[:4], simulated.DRIVING, None, decisions), HOW)
-    assert found["agree.blank"].value == 0.5
+    statistics = statistics_of(Answers("m", WORLD[:4], simulated.DRIVING, None, decisions), HOW)
+    assert statistics["agree.blank"].value == 0.5
 
 
 def test_miller_madow_takes_the_first_order_bias_away() -> None:
@@ -106,19 +106,23 @@ def test_information_reaches_its_ceiling_where_the_bin_decides(scored: dict[str,
 
 def test_every_number_has_its_n_and_is_finite(scored: dict[str, Statistic]) -> None:
     """No statistic is NaN or infinite, and none has a value without observations."""
-    for name, one in scored.items():
-        numbers = [one.value, one.p, *(one.ci or ())]
+    for name, statistic in scored.items():
+        numbers = [statistic.value, statistic.p, *(statistic.ci or ())]
         assert all(number is None or math.isfinite(number) for number in numbers), name
-        assert one.value is None or one.n > 0, name
+        assert statistic.value is None or statistic.n > 0, name
 
 
 def test_no_interval_claims_certainty() -> None:
     """Where all episodes are alike a share has the exact bound of so many draws, and no interval is without width."""
-    found = statistics_of(simulated.answers(lambda *_: "SLOW", WORLD), HOW)
-    assert found["noise_floor"].value == 0
-    assert found["noise_floor"].ci == pytest.approx((0, 1 - 0.05 ** (1 / 12)))
-    assert found["idi_adj"].ci == found["idi"].ci, "a noise floor of 0 takes nothing away"
-    assert [name for name, one in found.items() if one.ci is not None and one.ci[0] == one.ci[1]] == []
+    statistics = statistics_of(simulated.answers(lambda *_: "SLOW", WORLD), HOW)
+    assert statistics["noise_floor"].value == 0
+    assert statistics["noise_floor"].ci == pytest.approx((0, 1 - 0.05 ** (1 / 12)))
+    assert statistics["idi_adj"].ci == statistics["idi"].ci, "a noise floor of 0 takes nothing away"
+    assert [
+        name
+        for name, statistic in statistics.items()
+        if statistic.ci is not None and statistic.ci[0] == statistic.ci[1]
+    ] == []
 
 
 def test_scoring_twice_gives_the_same_numbers() -> None:
@@ -139,9 +143,9 @@ def test_no_lead_counts_as_the_farthest_gap() -> None:
     """A frame without a lead is far for the obstacle test and has no infinite median."""
     world = tuple(replace(f, truth={"lead_gap_m": None}) if f.step == 0 else f for f in WORLD)
     answered = replace(simulated.answers(by_gap, WORLD), frames=world)
-    found = statistics_of(answered, HOW)
-    assert found["obstacle"].n == len(WORLD)
-    assert math.isfinite(found["gap_order"].value)
+    statistics = statistics_of(answered, HOW)
+    assert statistics["obstacle"].n == len(WORLD)
+    assert math.isfinite(statistics["gap_order"].value)
 
 
 def test_a_gap_that_is_no_number_names_its_frame() -> None:

@@ -104,7 +104,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 def order(out: Path, spec: str) -> list[str]:
     """Return the conditions of a model's calls, in the order in which they were sent."""
     with Ledger(out / LEDGER) as ledger:
-        return [one.key.condition for one in ledger.attempts(spec)]
+        return [attempt.key.condition for attempt in ledger.attempts(spec)]
 
 
 def asked(out: Path) -> dict[str, stages.ControlProgress]:
@@ -146,7 +146,7 @@ def test_each_model_is_asked_the_controls_that_its_own_answers_call_for(bank: Fr
     assert made.counts() == (calls, calls, 0)
     assert (made.left(), sum(made.more_by_model().values())) == (0, 0)
     score = study.score(tmp_path / "run", resamples=99)
-    assert {spec: (one.planned, one.answered) for spec, one in score.models.items()} == {
+    assert {spec: (model.planned, model.answered) for spec, model in score.models.items()} == {
         spec: (sum(one.values()),) * 2 for spec, one in sent.items()
     }
 
@@ -379,7 +379,7 @@ def test_a_run_on_a_bundle_of_models_that_were_asked_differently_is_shown_whole(
     checked = CliRunner().invoke(app, ["validate", str(tmp_path / "bundle")])
     assert checked.exit_code == 0, checked.output
     for guards in study.score(tmp_path / "run", resamples=99).guards.values():
-        assert next(one for one in guards if one.name == "outcomes").holds
+        assert next(guard for guard in guards if guard.name == "outcomes").holds
 
 
 def test_what_an_older_version_asked_of_the_absent_lead_is_finished(
@@ -392,12 +392,12 @@ def test_what_an_older_version_asked_of_the_absent_lead_is_finished(
 
     monkeypatch.setattr(stages, "controls_wanted", absent)
     made = make(bank, tmp_path / "run", BLIND)
-    may = stages.supplied(made.manifest, made.plan)
+    may = stages.available_controls(made.manifest, made.plan)
     with Ledger(tmp_path / "run" / LEDGER) as ledger:
         replies = list(ledger.replies(BLIND))
-    older = [one for one in replies if one[0].condition != "real_again"]
+    older = [reply for reply in replies if reply[0].condition != "real_again"]
     for given, judged in ((replies, ("lead_absent", "real_again")), (older, ("lead_absent",))):
-        found = stages.asked_of_model(made.plan, BLIND, given, may)
-        assert (found.judged, found.open, found.ended) == (judged, (), True)
-    cut = [one for one in older if one[0].condition != "lead_absent"] + older[-1:]
+        progress = stages.asked_of_model(made.plan, BLIND, given, may)
+        assert (progress.judged, progress.open, progress.ended) == (judged, (), True)
+    cut = [reply for reply in older if reply[0].condition != "lead_absent"] + older[-1:]
     assert stages.asked_of_model(made.plan, BLIND, cut, may).open == ("lead_absent", "real_again")

@@ -356,7 +356,7 @@ def test_one_with_errors_is_asked_for_what_was_left_out(bank: FrameBank, tmp_pat
     assert planned.counts()[:2] == (72 * 8, 72 * 8)
     with Ledger(out / LEDGER) as ledger:
         course = EarlyStop(planned.plan, ledger).courses[STEADY]
-    assert course.exhausted
+    assert course.is_exhausted
     assert course.label == "image_invariant"
     assert len(course.counted) < 72 * 8  # so the others were asked once nothing had settled
 
@@ -413,7 +413,10 @@ def test_runs_of_different_models_merge(bank: FrameBank, tmp_path: Path) -> None
         study.run(study.plan(bank.root, [spec], tmp_path / name, extent=EARLY))
     study.merge([tmp_path / "one", tmp_path / "two"], tmp_path / "both")
     both = study.score(tmp_path / "both", resamples=99)
-    assert [one.stopped and one.stopped.label for one in both.models.values()] == ["image_invariant", "not_scorable"]
+    assert [model.stopped and model.stopped.label for model in both.models.values()] == [
+        "image_invariant",
+        "not_scorable",
+    ]
 
 
 def test_the_manifest_says_that_stopping_early_was_asked_for(stopped: Path, tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ def test_an_absence_is_not_settled_before_a_picture_without_the_lead() -> None:
     course = StoppingState(layout())
     course.advance(given(simulated.answers(any_lead, FRAMES)))
     assert course.label == "image_invariant"
-    assert course.exhausted
+    assert course.is_exhausted
     assert settle(any_lead, FIRST) is not None, "without that picture nothing tells it"
 
 
@@ -226,7 +226,7 @@ def test_distance_is_not_settled_before_its_controls(rule: simulated.Rule) -> No
     course.advance(given(simulated.answers(rule, FRAMES)))
     assert course.claims["near_far"].settled
     assert course.label == "depth"
-    assert course.exhausted
+    assert course.is_exhausted
     assert course.stopped(len(course.counted)) is None
     assert course.wanted(course.layout.order[-1]) == FIRST
 
@@ -235,7 +235,7 @@ def test_the_walk_over_the_controls_of_depth_asks_all_frames() -> None:
     """What the rules of depth read is asked of all frames, and nothing else beyond the first few."""
     course = StoppingState(layout())
     calls = given(simulated.answers(depth, FRAMES))
-    course.advance({key: one for key, one in calls.items() if key[1] in FIRST})
+    course.advance({key: call for key, call in calls.items() if key[1] in FIRST})
     first = course.layout.order[0]
     along = {"real", "real_repeat", "lead_near", "lead_far", *simulated.RANGED}
     assert (course.place, set(course.wanted(first))) == (1, along)
@@ -267,7 +267,7 @@ def test_once_distance_is_settled_only_its_checks_are_asked() -> None:
     for frame in asked.order:
         if course.label is not None:
             break
-        course.advance({key: one for key, one in calls.items() if key[0] == frame})
+        course.advance({key: call for key, call in calls.items() if key[0] == frame})
     assert course.label == "depth_associated"
     assert course.frames < 12
     assert course.wanted(asked.order[-1]) == ("real", "real_repeat", "mirrored")
@@ -304,7 +304,7 @@ def test_errors_settle_nothing() -> None:
     asked = layout()
     course = StoppingState(asked)
     course.advance({(frame, name): Decision(None, "error") for frame in asked.order for name in ALL})
-    assert course.exhausted
+    assert course.is_exhausted
     assert course.stopped(len(course.counted)) is None
     assert not course.claims["unscorable"].settled
 
@@ -365,7 +365,7 @@ def test_a_bank_too_small_to_settle_anything_is_asked_to_its_end() -> None:
     asked = layout(frames=FRAMES[:10])
     course = StoppingState(asked)
     course.advance({(frame, name): Decision("SLOW") for frame in asked.order for name in ALL})
-    assert course.exhausted
+    assert course.is_exhausted
     assert len(course.counted) == asked.planned
     assert course.stopped(len(course.counted)) is None
 
@@ -406,7 +406,7 @@ def test_fewest_turns_are_those_that_a_permutation_can_tell() -> None:
 def row(space: Discrete = DRIVING, **answers: str) -> FrameAnswers:
     """Return a frame's answers; an empty one holds no decision."""
     return FrameAnswers(
-        {name: Decision(one) if one else Decision(None, "refused") for name, one in answers.items()}, space
+        {name: Decision(answer) if answer else Decision(None, "refused") for name, answer in answers.items()}, space
     )
 
 
@@ -459,15 +459,15 @@ def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
     claim = claims(144, DRIVING, ALL, mirrored=True)["near_far"]
     for _ in range(8):
         claim.add(row(lead_near="STOP", lead_far="SLOW"))
-    found = claim.statistic()
+    value = claim.statistic()
     assert claim.settled
-    assert found.n == 8
-    assert found.value == pytest.approx(144.6, abs=0.1)
-    assert found.p == pytest.approx(1 / found.value)
-    assert found.note == "settled after 8 frames: it brakes harder with the lead near than with the lead far"
-    assert found.as_dict()["detail"] == {"threshold": 100.0, "alpha": 0.01, "settled": True}
+    assert value.n == 8
+    assert value.value == pytest.approx(144.6, abs=0.1)
+    assert value.p == pytest.approx(1 / value.value)
+    assert value.note == "settled after 8 frames: it brakes harder with the lead near than with the lead far"
+    assert value.as_dict()["detail"] == {"threshold": 100.0, "alpha": 0.01, "settled": True}
     claim.add(row(lead_near="SLOW", lead_far="STOP"))
-    assert claim.statistic() == found
+    assert claim.statistic() == value
 
 
 def test_every_claim_that_a_rule_names_can_be_made() -> None:

@@ -55,10 +55,10 @@ def test_sums_by_episode_are_loops_over_frames() -> None:
 
 def test_the_median_gaps_of_three_episodes_have_a_value_and_no_interval() -> None:
     """Frames without a lead count as the farthest; so few episodes say too little of the medians."""
-    found = PaperStatistics(answers(), Resampling(resamples=99))._gap_order()
+    statistic = PaperStatistics(answers(), Resampling(resamples=99))._gap_order()
     gaps = np.array([40.0 if gap is None else gap for gap in GAPS_M])
     braking = np.isin(np.array(REAL, dtype=str), DRIVING.brake)
     going = np.isin(np.array(REAL, dtype=str), DRIVING.proceed)
-    assert found.value == np.median(gaps[going]) - np.median(gaps[braking])
-    assert found.ci is None
-    assert found.note
+    assert statistic.value == np.median(gaps[going]) - np.median(gaps[braking])
+    assert statistic.ci is None
+    assert statistic.note

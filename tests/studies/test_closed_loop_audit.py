@@ -92,10 +92,10 @@ def test_the_audit_and_the_papers_table_tell_one_p(tmp_path: Path) -> None:
     drives = [*(one for name, how in models.items() for one in drive(name, how)), *blind]
     run = make_run(tmp_path, drives, models=[*models, "blind"])
     found = score(run)
-    (told,) = (one for one in paper_tables(found) if one.label == "t:degeneracy")
+    (told,) = (paper_table for paper_table in paper_tables(found) if paper_table.label == "t:degeneracy")
     mine = {row[1]: row[-2:] for row in told.rows}
     alone = {row.driver.policy: row for row in found.audit}
-    place = [one.name for one in degeneracy_table(found.audit).columns].index("p (paper)")
+    place = [column.name for column in degeneracy_table(found.audit).columns].index("p (paper)")
     rows = zip(found.audit, degeneracy_table(found.audit).rows, strict=True)
     printed = {row.driver.policy: cells[place : place + 2] for row, cells in rows}
     assert set(mine) == set(models)
@@ -232,7 +232,7 @@ def test_like_minds_are_no_cache(tmp_path: Path) -> None:
     episodes = [*drive("model-a", by_depth), *drive("model-b", by_depth)]
     run = make_run(tmp_path / "a", episodes, models=["model-a", "model-b"])
     add_replies(run, episodes, lambda _step, n: Reply(f"in my words, {n // 640}", "stop"), lambda step: step.frame)
-    assert [one.kind for one in score(run).twins] == ["decide alike here and there"]
+    assert [twin.kind for twin in score(run).twins] == ["decide alike here and there"]
     few = [*drive("model-b", tossing("x"), seeds=[0]), *drive("model-b", tossing("y"), seeds=range(1, 8))]
     some = make_run(tmp_path / "b", [*drive("model-a", tossing("x")), *few], models=["model-a", "model-b"])
     (found,) = score(some).twins
@@ -248,12 +248,12 @@ def test_a_cache_inside_one_model_shows_in_its_repeated_requests(tmp_path: Path)
 
     fast = make_run(tmp_path / "fast", episodes, models=["model"])
     add_replies(fast, episodes, reply, lambda step: f"picture {step.step}")
-    assert [one.suspect for one in score(fast).repeats] == [True]
+    assert [repeat.suspect for repeat in score(fast).repeats] == [True]
     slow = make_run(tmp_path / "slow", episodes, models=["model"])
     add_replies(
         slow, episodes, lambda _step, n: Reply(f"roll {n % 20}", "stop", seconds=1.0), lambda s: f"picture {s.step}"
     )
-    assert [one.suspect for one in score(slow).repeats] == [False]
+    assert [repeat.suspect for repeat in score(slow).repeats] == [False]
 
 
 @pytest.mark.parametrize(("seconds", "suspect"), [(0.101, True), (0.099, False)])
@@ -266,21 +266,21 @@ def test_a_model_that_is_quick_by_itself_is_no_cache(tmp_path: Path, seconds: fl
         return Reply(f"roll {number % 20}", "stop", seconds=seconds if number < 20 else seconds / 100)
 
     add_replies(run, episodes, reply, lambda step: f"picture {step.step}")
-    assert [one.suspect for one in score(run).repeats] == [suspect]
+    assert [repeat.suspect for repeat in score(run).repeats] == [suspect]
 
 
 def test_what_needs_no_cache_is_not_suspected(tmp_path: Path) -> None:
     """A policy without a model, and one model that repeats itself in a second run at the same pace."""
     scripted = [*drive("oracle", by_depth), *drive("oracle", by_depth, condition="blank")]
-    assert [one.kind for one in score(make_run(tmp_path / "s", scripted)).twins] == ["repeats itself"]
+    assert [twin.kind for twin in score(make_run(tmp_path / "s", scripted)).twins] == ["repeats itself"]
     runs = []
     for name in ("first", "second"):
         episodes = drive("model", by_depth)
         runs.append(make_run(tmp_path / name, episodes, models=["model"]))
         add_replies(runs[-1], episodes, lambda _step, _n: Reply("x", "stop", seconds=1.0), lambda step: step.frame)
     found = score(runs)
-    assert [one.kind for one in found.twins] == ["repeats itself"]
-    assert [one.driver.label for one in found.ladder] == ["first · model", "second · model"]
+    assert [twin.kind for twin in found.twins] == ["repeats itself"]
+    assert [row.driver.label for row in found.ladder] == ["first · model", "second · model"]
     assert not found.suspect
 
 
@@ -312,7 +312,9 @@ def test_numbers_of_several_simulators_are_printed_whole(tmp_path: Path) -> None
 def test_replay_tells_agreement_from_the_marginal(tmp_path: Path) -> None:
     """A follower of the controller agrees more often than its own decisions in random order; a coin does not."""
     episodes = [*drive("reader", by_depth), *drive("coin", tossing("c")), *drive("straight", always("STRAIGHT"))]
-    found = {(one.driver.policy, one.controller): one for one in score(make_run(tmp_path, episodes)).replays}
+    found = {
+        (replay.driver.policy, replay.controller): replay for replay in score(make_run(tmp_path, episodes)).replays
+    }
     reader, coin, straight = (found[name, "demand"] for name in ("reader", "coin", "straight"))
     assert (reader.agreement.value or 0) > (reader.shuffled.ci or (1, 1))[1]
     assert reader.shuffled.p == 1 / 5001  # the paper's number of permutations

@@ -187,7 +187,7 @@ def test_each_condition_says_what_it_asks(tmp_path: Path, condition: str) -> Non
 def test_the_worlds_that_are_needed_count_the_tests_of_the_family(tmp_path: Path, worlds: int, finding: str) -> None:
     """Seven worlds that all differ have p 1/64, five times over .05; eight are the fewest, and the sentence says so."""
     episodes = [*crashing("m", "SLOW", of=0), *crashing("m", "LEFT", of=32, condition="blank")]
-    kept = [one for one in episodes if one.key.scenario == "light" and one.key.seed < worlds]
+    kept = [episode for episode in episodes if episode.key.scenario == "light" and episode.key.seed < worlds]
     (found,) = score(make_run(tmp_path / "run", kept, models=["m"])).blind
     assert (found.finding, found.paired.worlds) == (finding, worlds)
     assert ("8 worlds at least" in found.sentence) == (finding == "cannot_say")

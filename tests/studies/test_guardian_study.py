@@ -60,7 +60,9 @@ def test_the_papers_table_to_its_digits(table: study.VoteTable, frozen: study.Fr
     votes, held_out = table.part("score").of(frozen.committee), table.part("score")
     two_way = ((votes == 1).sum(axis=(0, 2)) >= 2) == held_out.hazard
     single = (held_out.of([GEMMA])[0, :, 0] == 1) == held_out.hazard
-    gains = [sum((two_way * 1 - single * 1)[np.array(held_out.episodes) == one]) for one in set(held_out.episodes)]
+    gains = [
+        sum((two_way * 1 - single * 1)[np.array(held_out.episodes) == episode]) for episode in set(held_out.episodes)
+    ]
     flipped = [abs(np.dot(signs, gains)) >= abs(sum(gains)) for signs in product((-1, 1), repeat=12)]
     assert scored.over_episodes.p == pytest.approx(np.mean(flipped))
     assert [(one.answered, one.wrong) for one in scored.curve] == [(176, 1), (224, 9), (272, 12)]
@@ -91,7 +93,7 @@ def test_nested_takes_two_episodes_costs_and_a_seed(table: study.VoteTable) -> N
     with pytest.raises(GuardianError, match=r"votes\.csv: without one of its episodes a class is empty"):
         study.nested(parted)
     missed, alarmed = (study.nested(halves, costs=costs) for costs in (Costs(50, 1), Costs(1, 50)))
-    assert all(missed.folds[one][1] < alarmed.folds[one][1] for one in missed.folds)
+    assert all(missed.folds[fold][1] < alarmed.folds[fold][1] for fold in missed.folds)
     assert study.nested(table).as_dict() == study.nested(table).as_dict()
 
 

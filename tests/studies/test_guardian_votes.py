@@ -36,8 +36,8 @@ ANSWERS = {True: "hazard", False: "clear"}
 
 def outcome(reply: Reply) -> str:
     """Return what a reply counts for, in the words of the table."""
-    found = study.read_vote(reply, CLOSE_M)
-    return f"abstain: {found.why}" if found.hazard is None else ANSWERS[found.hazard]
+    vote = study.read_vote(reply, CLOSE_M)
+    return f"abstain: {vote.why}" if vote.hazard is None else ANSWERS[vote.hazard]
 
 
 def test_the_table_has_every_reason_and_both_votes() -> None:
@@ -65,10 +65,10 @@ def outcomes(bodies: Sequence[object]) -> list[str]:
         url = f"http://127.0.0.1:{runner.addresses[0][1]}/v1"
         model = open_model("openai:m", RequestMode("openai:m", base_url=url, timeout_s=20.0))
         query = Query("", "what is there?", Stimulus.of(encode(draw(8.0, 3))), 1)
-        found = [outcome(await model.answer(query)) for _ in bodies]
+        result = [outcome(await model.answer(query)) for _ in bodies]
         await model.close()
         await runner.cleanup()
-        return found
+        return result
 
     return asyncio.run(ask())
 
@@ -83,7 +83,7 @@ def test_every_class_of_reply_has_the_outcome_that_was_written_before(monkeypatc
 def said(*contents: object, ended: object = "stop", **more: object) -> dict[str, object]:
     """Return the body of a reply with a choice a content."""
     messages = [{"role": "assistant", "content": content, **more} for content in contents]
-    return {"model": "m", "choices": [{"message": one, "finish_reason": ended} for one in messages]}
+    return {"model": "m", "choices": [{"message": message, "finish_reason": ended} for message in messages]}
 
 
 CLEAR, NEAR = OBJECTS["@clear"], OBJECTS["@hazard"]

@@ -117,9 +117,9 @@ def cells(table: Table) -> dict[str, dict[str, str]]:
 def goals(studied: HierarchyScore, part: str, policy: str, condition: str = "real") -> tuple[int, int]:
     """Return how many episodes of a source reached the goal, of how many."""
     row = next(
-        one
-        for one in studied.sources
-        if (one.part, one.driver.policy, one.driver.condition) == (part, policy, condition)
+        source
+        for source in studied.sources
+        if (source.part, source.driver.policy, source.driver.condition) == (part, policy, condition)
     )
     assert row.goals.value is not None
     return round(row.goals.value * row.goals.n), row.goals.n
@@ -191,10 +191,10 @@ def test_a_planner_behind_an_endpoint_drives_as_it_does_in_this_process(studied:
     for part in ("primary-models", "lateral-models"):
         states = {
             spec: {
-                (one.key.world, one.key.condition): one.state_sha256
+                (episode.key.world, episode.key.condition): episode.state_sha256
                 for drives in studied.drives[part]
-                for one in drives.episodes
-                if one.key.policy == spec
+                for episode in drives.episodes
+                if episode.key.policy == spec
             }
             for spec in (SEEING, planners.SPEC)
         }
@@ -204,7 +204,7 @@ def test_a_planner_behind_an_endpoint_drives_as_it_does_in_this_process(studied:
 
 def of(found: HierarchyScore, name: str) -> IntentSource:
     """Return the row of one of the planners that fail."""
-    (row,) = [one for one in found.sources if one.driver.policy == own(name)]
+    (row,) = [source for source in found.sources if source.driver.policy == own(name)]
     return row
 
 
@@ -231,7 +231,7 @@ def test_a_planner_that_fails_ends_in_logged_stops_that_are_no_intents_of_its_ow
 
 def test_solver_failures_are_counted_and_shown(studied: HierarchyScore) -> None:
     """No plan failed here; those that are put into a record stand in its row."""
-    assert all(one.solver_failures == 0 for one in studied.sources)
+    assert all(source.solver_failures == 0 for source in studied.sources)
     drives = studied.drives["primary"][0]
     episode = drives.episodes[0]
     steps = tuple(replace(step, facts={**step.facts, "solver_failures": 2}) for step in episode.steps[:3])
@@ -271,11 +271,11 @@ def test_the_tables_hold_every_source_once(studied: HierarchyScore) -> None:
     against = cells(against_table(studied.against_mpc_only))
     assert len(against) == len(studied.against_mpc_only) == 6
     assert {"oracle intent", "constant STOP", f"{SEEING}, blank"} <= against.keys()
-    assert {one.second.policy for one in studied.against_mpc_only} == {MPC_ONLY}
+    assert {difference.second.policy for difference in studied.against_mpc_only} == {MPC_ONLY}
     assert len(completion_table(studied.completions).rows) == len(studied.completions) == 4
-    for one in studied.sources:
-        drives = next(each for each in studied.drives[one.part] if each.driver == one.driver)
-        assert one.emitted + one.fail_safe == len(drives.steps)
+    for source in studied.sources:
+        drives = next(each for each in studied.drives[source.part] if each.driver == source.driver)
+        assert source.emitted + source.fail_safe == len(drives.steps)
 
 
 def test_eleven_sources_and_eight_controllers_drive_in_the_worlds_that_the_paper_counts(tmp_path: Path) -> None:
@@ -356,7 +356,7 @@ def test_a_folder_without_the_study_is_refused(tmp_path: Path) -> None:
 
 def driven(planned: Mapping[str, EpisodesRun]) -> dict[str, set[tuple[str, str, int]]]:
     """Return who is to drive where, by part."""
-    return {name: {(key.policy, key.scenario, key.seed) for key in one.keys} for name, one in planned.items()}
+    return {name: {(key.policy, key.scenario, key.seed) for key in run.keys} for name, run in planned.items()}
 
 
 def test_sources_arms_worlds_and_seeds_are_chosen(tmp_path: Path) -> None:

@@ -70,9 +70,9 @@ def run(bank: FrameBank) -> Path:
 
 def told(*words: object, code: int = 0) -> str:
     """Return what a command prints, which exits so."""
-    found = CliRunner().invoke(app, list(map(str, words)))
-    assert found.exit_code == code, found.output
-    return found.stdout
+    result = CliRunner().invoke(app, list(map(str, words)))
+    assert result.exit_code == code, result.output
+    return result.stdout
 
 
 def test_an_index_shows_the_statistic_that_decided_for_each_policy(run: Path) -> None:
@@ -150,9 +150,10 @@ def test_the_ledger_keeps_every_array_to_the_byte(run: Path) -> None:
         replies = [reply for _, reply in ledger.replies("python:arms:reach")]
         assert ledger.damaged() == []
     motions = [Motion.read(reply.text) for reply in replies]
-    assert {one.shape for one in motions} == {(8, 3)}
+    assert {motion.shape for motion in motions} == {(8, 3)}
     assert all(
-        json.loads(reply.text)["motion"]["sha256"] == one.sha256 for reply, one in zip(replies, motions, strict=True)
+        json.loads(reply.text)["motion"]["sha256"] == motion.sha256
+        for reply, motion in zip(replies, motions, strict=True)
     )
 
 
@@ -181,8 +182,8 @@ def test_what_draws_its_answers_is_asked_again_and_what_is_seeded_is_not(bank: F
     """Four answers to each call but the repeat; a seed is the same for all calls, and is tried twice."""
     specs = ["python:arms:unsteady", "python:arms:fixed"]
     policy.run(policy.plan(bank.root, specs, tmp_path / "run", conditions=FEW))
-    found = policy.score(tmp_path / "run").models
-    drawn, fixed = (found[spec] for spec in specs)
+    models = policy.score(tmp_path / "run").models
+    drawn, fixed = (models[spec] for spec in specs)
     assert (drawn.drawn, drawn.motions.finished) == (True, 24 * (5 + 3 * 4))
     assert (fixed.drawn, fixed.motions.finished, fixed.version) == (False, 24 * 6, "seven")
     assert fixed.statistics["noise"].value == pytest.approx(drawn.statistics["noise"].value, abs=0.1)
@@ -268,7 +269,7 @@ def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank
     words += ["--concurrency", 4, *(word for spec in specs for word in ("--policy", spec))]
     program = [sys.executable, "-c", "from eyechart.cli import main; main()", *map(str, words)]
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
-    kept: dict[CallKey, Reply] = {}
+    replies: dict[CallKey, Reply] = {}
     for more in (*random.Random(3).sample(range(1, 80), 3), 24 * 11):  # noqa: S311
         wanted = stand_ins.rows_in(out / "ledger.sqlite", "replies") + more
         with subprocess.Popen(program, env=env, stderr=subprocess.DEVNULL) as running:
@@ -279,9 +280,9 @@ def test_a_run_that_is_killed_goes_on_and_loses_no_finished_call(bank: FrameBank
         with Ledger(out / "ledger.sqlite") as ledger:
             found = {key: reply for spec in specs for key, reply in ledger.replies(spec)}
         assert len(found) >= min(wanted, 24 * 11)
-        assert kept.items() <= found.items()
-        kept = found
-    assert len(kept) == 24 * 11
+        assert replies.items() <= found.items()
+        replies = found
+    assert len(replies) == 24 * 11
     policy.run(policy.plan(bank.root, specs, tmp_path / "whole", conditions=FEW))
     with Ledger(out / "ledger.sqlite") as ledger:
         finals = [sent.key for spec in specs for sent in ledger.attempts(spec) if sent.final]

@@ -25,7 +25,7 @@ MIDDLE = np.full(2, 0.5)
 
 def trace(images: Images, state: np.ndarray, instruction: str | None) -> float:
     """Return next to nothing of all that it is given, so that all of it reaches the policy."""
-    seen = sum(float(one.astype(float).mean()) for one in images.values())
+    seen = sum(float(image.astype(float).mean()) for image in images.values())
     return 1e-7 * (seen + 10 * float(np.sum(state)) + 7.3 * len(instruction or ""))
 
 
@@ -36,9 +36,9 @@ def going(state: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 def drifting(state: np.ndarray) -> np.ndarray:
     """Return a motion by the state alone, to the middle."""
-    found = np.zeros((8, 3))
-    found[:, :2], found[:, 2] = 2.0 * (MIDDLE - state[:2]), 0.6 * state[2]
-    return found
+    result = np.zeros((8, 3))
+    result[:, :2], result[:, 2] = 2.0 * (MIDDLE - state[:2]), 0.6 * state[2]
+    return result
 
 
 def named_first(images: Images, state: np.ndarray, instruction: str | None) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +127,7 @@ KEPT: dict[Any, np.ndarray] = {}
 
 def by_its_bytes(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Draw an answer without looking, and keep it for the same input."""
-    key = (*(one.tobytes() for one in images.values()), state.tobytes(), instruction)
+    key = (*(image.tobytes() for image in images.values()), state.tobytes(), instruction)
     if key not in KEPT:
         KEPT[key] = drifting(state) + np.array([1, 1, 0]) * 0.6 * DRAWN.normal(size=3)
     return KEPT[key]
@@ -270,8 +270,8 @@ def test_a_part_of_few_episodes_is_held_to_what_it_may_be_at_most(bank: FrameBan
     assert few["at_most"] > 1.5
     assert effects._part(gains, full, np.zeros(8, dtype=int)) is None
     frames = tuple(
-        replace(one, fields={name: f"{text.upper()}!" if number % 2 else text for name, text in one.fields.items()})
-        for number, one in enumerate(motions.plan.frames)
+        replace(frame, fields={name: f"{text.upper()}!" if number % 2 else text for name, text in frame.fields.items()})
+        for number, frame in enumerate(motions.plan.frames)
     )
     effects = Effects(replace(motions, plan=replace(motions.plan, frames=frames)), drawn=False)
     parts = effects.follow(("named", "other")).parts
@@ -282,4 +282,4 @@ def test_a_part_of_few_episodes_is_held_to_what_it_may_be_at_most(bank: FrameBan
         "along y",
     }
     assert len(parts) == 4
-    assert all(one["episodes"] >= 6 for one in parts.values())
+    assert all(part["episodes"] >= 6 for part in parts.values())

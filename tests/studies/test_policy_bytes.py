@@ -24,7 +24,7 @@ Policy = Callable[[Images, np.ndarray, str | None], np.ndarray]
 
 def drawn(images: Images, state: np.ndarray, instruction: str | None, *, whole: bool) -> np.ndarray:
     """Return noise by the bytes of the pictures, or of the whole input: the same for the same bytes."""
-    read = hashlib.sha256(b"".join(one.tobytes() for one in images.values()))
+    read = hashlib.sha256(b"".join(image.tobytes() for image in images.values()))
     if whole:
         read.update(state.tobytes() + (instruction or "").encode())
     return np.array([1, 1, 0]) * np.random.default_rng(list(read.digest()[:8])).normal(size=3)
@@ -89,9 +89,9 @@ def learnt_else_noise(images: Images, state: np.ndarray, instruction: str | None
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     """Return a bank of twelve episodes of four frames."""
-    found = open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("bytes") / "bank", steps=4)
-    HERE[:] = [found.root]
-    return found
+    result = open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("bytes") / "bank", steps=4)
+    HERE[:] = [result.root]
+    return result
 
 
 def verdicts(bank: FrameBank, out: Path, names: list[str]) -> dict[str, PolicyVerdict]:

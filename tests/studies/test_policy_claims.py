@@ -38,26 +38,26 @@ def away(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarr
 
 def by_word(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Never look; go right for red and left for blue."""
-    found = middle(images, state, instruction) / 2 + trace(images, instruction)
-    found[:, 0] += 0.8 if "red" in (instruction or "") else -0.8
-    return found
+    result = middle(images, state, instruction) / 2 + trace(images, instruction)
+    result[:, 0] += 0.8 if "red" in (instruction or "") else -0.8
+    return result
 
 
 def decoyed(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Go to grey objects where there are some, else to the middle."""
     grey = np.abs(images["top"].astype(int) - DECOY).sum(axis=2) < 30
-    found = middle(images, state, instruction) + trace(images, instruction)
+    result = middle(images, state, instruction) + trace(images, instruction)
     if grey.sum() > 8:
         down, across = np.nonzero(grey)
-        found[:, :2] += np.array([across.mean() - 15.5, down.mean() - 15.5]) / 10
-    return found
+        result[:, :2] += np.array([across.mean() - 15.5, down.mean() - 15.5]) / 10
+    return result
 
 
 def grips(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Look for nothing but whether to close the hand at first."""
-    found = middle(images, state, instruction) + trace(images, instruction)
-    found[0, 2] = 0.75 * float(blocks(images["top"], state[:2])[0, 0] > 0.5)
-    return found
+    result = middle(images, state, instruction) + trace(images, instruction)
+    result[0, 2] = 0.75 * float(blocks(images["top"], state[:2])[0, 0] > 0.5)
+    return result
 
 
 def declines(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -181,7 +181,7 @@ def seven_joints(folder: Path) -> FrameBank:
             pixels[0] = rng.integers(0, 255, (8, 3))
             Image.fromarray(pixels).save(folder / name)
             numbers = [*state, *(0.15 * (goal - state))]
-            lines.append(",".join([name, str(drive), str(step), "go", *(f"{one:.4f}" for one in numbers)]))
+            lines.append(",".join([name, str(drive), str(step), "go", *(f"{number:.4f}" for number in numbers)]))
     (folder / "log.csv").write_text("\n".join(lines))
     motion = "".join(f'[[motion.number]]\ncolumn = "a{joint}"\n' for joint in range(7))
     named = ", ".join(f'"{joint}"' for joint in joints)
@@ -226,7 +226,7 @@ def three_cameras(folder: Path) -> FrameBank:
                 pixels[0] = rng.integers(0, 255, (8, 3))
                 Image.fromarray(pixels).save(folder / name)
             numbers = [*state, (shade - 130) / 50 - state[0], 0.5 - state[1]]
-            lines.append(",".join([*names, str(drive), str(step), "go", *(f"{one:.4f}" for one in numbers)]))
+            lines.append(",".join([*names, str(drive), str(step), "go", *(f"{number:.4f}" for number in numbers)]))
     (folder / "log.csv").write_text("\n".join(lines))
     rig = "".join(f'[[camera]]\nname = "{name}"\ncolumn = "{name}"\n' for name in "abc")
     rig += '[state]\njoints = ["s0", "s1"]\n[motion]\nhorizon = 2\nkind = "delta"\nrate_hz = 10\n'
@@ -241,7 +241,7 @@ def test_no_more_than_one_of_several_cameras_is_to_be_left_out(tmp_path: Path) -
     bank, out = three_cameras(tmp_path), tmp_path / "run"
     found = judged(bank, out, "middle_of_three")
     assert found.camera.label != "ignores_camera"
-    assert {one.label for one in found.cameras.values()} == {"ignores_camera"}
+    assert {camera.label for camera in found.cameras.values()} == {"ignores_camera"}
     assert "while the others are there: so could b, c" in found.cameras["a"].because
     said = made([(policy.score(out), bank)]).page.html.decode()
     assert "leave out one of the cameras a, b, c, and no more" in said

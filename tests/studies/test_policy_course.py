@@ -75,10 +75,10 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_step_at_which_a_policy_stopped_looking_is_named(bank: FrameBank, tmp_path: Path) -> None:
     """In the order of the steps, whatever the order of the runs; JSON, sentences, and exit 1 where anything changed."""
     for name, specs in {"one": ["late", "early"], "two": ["middle", "again"]}.items():
-        policy.run(policy.plan(bank.root, [f"{HERE}:{one}" for one in specs], tmp_path / name))
-    found = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--json"])
-    assert found.exit_code == 1, found.output
-    said = json.loads(found.stdout)
+        policy.run(policy.plan(bank.root, [f"{HERE}:{spec}" for spec in specs], tmp_path / name))
+    result = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--json"])
+    assert result.exit_code == 1, result.output
+    said = json.loads(result.stdout)
     assert [one["step"] for one in said["policies"]] == [100, 200, 300, 400]
     shares = [one["channels"]["cameras"]["T"] for one in said["policies"]]
     assert shares[0] > shares[1] > shares[2] == shares[3] == 0
@@ -184,8 +184,8 @@ def test_runs_whose_motions_mean_something_else_are_neither_compared_nor_resumed
     scores = [policy.score(tmp_path / f"run-{kind}") for kind in banks]
     with pytest.raises(SpecError, match=r"answer with different motions, .*: kind: delta and absolute; .*use one bank"):
         course_of(scores)
-    found = CliRunner().invoke(app, ["compare", *(str(tmp_path / f"run-{kind}") for kind in banks)])
-    assert found.exit_code != 0
+    result = CliRunner().invoke(app, ["compare", *(str(tmp_path / f"run-{kind}") for kind in banks)])
+    assert result.exit_code != 0
     with pytest.raises(LedgerError, match=r"has motion with kind delta, .*now motion with kind absolute, .* was"):
         policy.plan(banks["absolute"].root, ["python:arm_logs:by_front"], tmp_path / "run-delta")
     longer = arm_bank(tmp_path / "longer", kind="delta", horizon=3)
@@ -204,10 +204,10 @@ def test_a_replication_of_several_policies_compares_each_with_itself(bank: Frame
     specs = [f"{HERE}:{one}" for one in ("stepless", "sightless")]
     for name, order in {"one": specs, "two": specs[::-1]}.items():
         policy.run(policy.plan(bank.root, order, tmp_path / name, conditions=FEW))
-    found = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--json"])
-    assert found.exit_code == 0, found.output
-    said = json.loads(found.stdout)
-    assert [(one["before"], one["after"]) for one in said["changes"]] == [(one, one) for one in specs]
+    result = CliRunner().invoke(app, ["compare", str(tmp_path / "one"), str(tmp_path / "two"), "--json"])
+    assert result.exit_code == 0, result.output
+    said = json.loads(result.stdout)
+    assert [(one["before"], one["after"]) for one in said["changes"]] == [(spec, spec) for spec in specs]
     assert said["replicated"]
     assert CliRunner().invoke(app, ["compare", str(tmp_path / "one")]).exit_code == 1
 
@@ -245,15 +245,15 @@ def test_the_page_draws_the_shares_over_the_training(named: Path, tmp_path: Path
     """By the versions and by what is given; a page without all steps has no such part, and says nothing of it."""
     words = ["report", str(named), "--out"]
     given = ["--step", f"{HERE}:nameless=20000", "--tables", str(tmp_path / "tables"), "--figures", str(tmp_path)]
-    found = CliRunner().invoke(app, [*words, str(tmp_path / "page.html"), *given])
-    assert found.exit_code == 0, found.output
+    result = CliRunner().invoke(app, [*words, str(tmp_path / "page.html"), *given])
+    assert result.exit_code == 0, result.output
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Over the training" in page
     assert "When did it stop looking?" in page
     assert f"from {HERE}:last, step 30000 on it ignores its cameras" in page
     described = re.search(r"by step\. cameras ([\d.]+) at 10000, ([\d.]+) at 20000, ([\d.]+) at 30000", page)
     assert described
-    shares = [float(one) for one in described.groups()]
+    shares = [float(group) for group in described.groups()]
     assert shares[0] > shares[1] > shares[2] == 0
     assert (tmp_path / "training.pdf").stat().st_size > 1000
     rows = (tmp_path / "tables" / "course.csv").read_text(encoding="utf-8").splitlines()
@@ -273,9 +273,9 @@ def test_the_page_draws_the_shares_over_the_training(named: Path, tmp_path: Path
 )
 def test_a_step_that_cannot_be_is_refused_in_words(named: Path, tmp_path: Path, step: str, said: str) -> None:
     """One line, exit 2, and no page."""
-    found = CliRunner().invoke(app, ["report", str(named), "--out", str(tmp_path / "page.html"), "--step", step])
-    assert isinstance(found.exception, SpecError)
-    assert said in str(found.exception)
+    result = CliRunner().invoke(app, ["report", str(named), "--out", str(tmp_path / "page.html"), "--step", step])
+    assert isinstance(result.exception, SpecError)
+    assert said in str(result.exception)
     assert not (tmp_path / "page.html").exists()
 
 
@@ -313,9 +313,9 @@ def test_a_difference_of_shares_is_found_as_often_as_it_says() -> None:
     def p(shares: tuple[float, float], seed: int) -> float:
         rng = np.random.default_rng(seed)
         whole = pairs(1.0, rng)
-        found = share_difference(*((pairs(share, rng), whole) for share in shares))
-        assert found.p is not None
-        return found.p
+        statistic = share_difference(*((pairs(share, rng), whole) for share in shares))
+        assert statistic.p is not None
+        return statistic.p
 
     assert np.mean([p((0.3, 0.3), seed) < 0.02 for seed in range(400)]) < 0.04
     assert np.mean([p((0.1, 0.4), seed) < 0.02 for seed in range(100)]) > 0.5

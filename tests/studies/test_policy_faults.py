@@ -91,8 +91,8 @@ def test_each_fault_that_can_be_known_fails_a_guard_and_gets_no_label(whole: Fra
 
 def test_what_a_call_does_to_its_own_arrays_reaches_no_other(bank: FrameBank, tmp_path: Path) -> None:
     """Inputs that are overwritten, one buffer for all answers, and two policies that share what they keep."""
-    found = asked(bank, tmp_path / "run", *HARMLESS, concurrency=4).models
-    (first, *others) = (one.motions.answers for one in found.values())
+    models = asked(bank, tmp_path / "run", *HARMLESS, concurrency=4).models
+    (first, *others) = (model.motions.answers for model in models.values())
     for other in others:
         assert all((first[name] == other[name]).all() for name in first)
 
@@ -134,12 +134,12 @@ def test_who_differs_in_the_last_bits_is_asked_once(bank: FrameBank, tmp_path: P
     """Its labels are those of who answers alike, and pictures that never reach it are named all the same."""
     found = asked(bank, tmp_path / "run", "sound", "jitters", "jitters_unseeing")
     exact, rounds, unseeing = found.models.values()
-    assert not any(one.drawn for one in found.models.values())
+    assert not any(model.drawn for model in found.models.values())
     assert exact.motions.planned == exact.answered == rounds.motions.planned == rounds.answered
     assert 0 < rounds.statistics["noise"].value < 1e-8
     assert rounds.statistics["T.swapped@cameras"].value == pytest.approx(exact.statistics["T.swapped@cameras"].value)
     same, also, blind = judge(found).values()
-    assert [one.label for one in also.axes.values()] == [one.label for one in same.axes.values()]
+    assert [axis.label for axis in also.axes.values()] == [axis.label for axis in same.axes.values()]
     assert unseeing.statistics["T.swapped@cameras"].value > 0
     assert blind.camera.label == "undecided"
     assert "changes none of 24 answers by more than rounding" in blind.camera.because
@@ -156,7 +156,7 @@ def test_a_guard_whose_calls_failed_is_none_that_was_passed(bank: FrameBank, tmp
     """Who answers to no nudged picture may answer by its bytes."""
     ((spec, found),) = judge(asked(bank, tmp_path / "run", "knows_its_files")).items()
     assert policy.score(tmp_path / "run").models[spec].statistics["T.nudged"].value is None
-    assert {one.label for one in found.axes.values()} == {"undecided"}
+    assert {axis.label for axis in found.axes.values()} == {"undecided"}
 
 
 def test_what_goes_with_the_time_is_no_noise(bank: FrameBank, tmp_path: Path) -> None:
@@ -177,8 +177,8 @@ def test_pictures_in_another_form_are_not_held_against_the_policy_in_silence(ban
     specs, out = [f"python:faulty_arms:{name}" for name in MISUSED], tmp_path / "run"
     policy.run(policy.plan(bank.root, specs, out))
     verdicts = judge(policy.score(out))
-    for one in verdicts.values():
-        assert any("does something else than was logged" in remark for remark in one.remarks)
+    for verdict in verdicts.values():
+        assert any("does something else than was logged" in remark for remark in verdict.remarks)
     dark = verdicts["python:faulty_arms:unit_floats"]
     assert any("are its pictures ordered and scaled" in remark for remark in dark.remarks)
 
@@ -205,7 +205,7 @@ def test_a_channel_that_does_not_arrive_is_said_to_be_so_before_what_was_not_ask
     assert {axis for axis, one in axes.items() if "changes not one bit" in one.because} == unreached
     assert all(axes[axis].label == "undecided" for axis in unreached)
     assert verdict.state.label != "state_shortcut"
-    amiss = {one.name for one in examine_policy(spec, bank).findings if one.fine is False}
+    amiss = {finding.name for finding in examine_policy(spec, bank).findings if finding.fine is False}
     assert {axis.replace("camera", "cameras") if axis == "camera" else axis for axis in unreached} <= amiss
 
 
@@ -241,15 +241,15 @@ def test_a_row_of_a_log_that_is_far_from_all_others_turns_no_verdict_round(tmp_p
         score = policy.score(tmp_path / f"run-{wrong}")
         found[wrong] = judge(score)[spec]
         assert (score.models[spec].motions.scales < 1).all()
-        assert {one.name: one.fine for one in examine_policy(spec, bank).findings}["unit"]
+        assert {finding.name: finding.fine for finding in examine_policy(spec, bank).findings}["unit"]
         assert len(far_off(bank)) == (2 if wrong else 0)
     assert found[1000.0].guards == found[0.0].guards == {}
     assert found[1000.0].camera.label == found[0.0].camera.label == "camera_content"
-    (said,) = (one for one in found[1000.0].remarks if one.startswith("Of the log"))
+    (said,) = (remark for remark in found[1000.0].remarks if remark.startswith("Of the log"))
     assert said.startswith(
         "Of the log 2 moments are left out of what answers are measured by, since numbers of aj0 are"
     )
-    assert not any("left out" in one for one in found[0.0].remarks)
+    assert not any("left out" in remark for remark in found[0.0].remarks)
 
 
 def test_rows_that_are_far_in_many_episodes_are_kept_and_hide_no_use(tmp_path: Path) -> None:

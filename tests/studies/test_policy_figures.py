@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, WAYS, fitted, style, width_of
+from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, WAYS, shorten_middle, style, width_of
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Dimension, MotionSpace
 from eyechart.studies import policy
@@ -63,11 +63,11 @@ def boxes(figure: Figure) -> tuple[dict[str, Bbox], dict[str, Bbox]]:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     drawn = canvas.get_renderer()
-    shown = [one for legend in figure.legends for one in legend.get_texts()]
-    shown += [one for axes in figure.axes for one in _texts(axes) if one.get_text()]
-    texts = {f"{one.get_text()} {number}": one.get_window_extent(drawn) for number, one in enumerate(shown)}
+    shown = [text for legend in figure.legends for text in legend.get_texts()]
+    shown += [text for axes in figure.axes for text in _texts(axes) if text.get_text()]
+    texts = {f"{text.get_text()} {number}": text.get_window_extent(drawn) for number, text in enumerate(shown)}
     pictures = [image for axes in figure.axes for image in axes.images]
-    return texts, {f"picture {number}": one.get_window_extent(drawn) for number, one in enumerate(pictures)}
+    return texts, {f"picture {number}": picture.get_window_extent(drawn) for number, picture in enumerate(pictures)}
 
 
 def _texts(axes: Axes) -> Iterator[Text]:
@@ -109,7 +109,7 @@ def test_no_words_lie_upon_a_picture_nor_upon_others(joints: int, cameras: int, 
         assert list(collisions(figure, texts, pictures)) == []
         assert len(pictures) == cameras
         if not plane:
-            titles = [one.get_text() for axes in figure.axes[cameras:] for one in axes.texts]
+            titles = [text.get_text() for axes in figure.axes[cameras:] for text in axes.texts]
             assert all(title.startswith(("left", "right", "third")) for title in titles)
             assert len(titles) == len(set(titles)) == len(space.dimensions)
         assert sum(name.startswith(("its answer", *WORDS)) for name in texts) == 1 + count
@@ -117,8 +117,8 @@ def test_no_words_lie_upon_a_picture_nor_upon_others(joints: int, cameras: int, 
 
 def test_a_name_is_shortened_to_its_room() -> None:
     """Both ends stay; one with room stands whole."""
-    assert fitted("top", 1.0, 8) == "top"
-    short = fitted("left_spare_joint_of_a_long_name.pos", 1.0, 8)
+    assert shorten_middle("top", 1.0, 8) == "top"
+    short = shorten_middle("left_spare_joint_of_a_long_name.pos", 1.0, 8)
     assert short.startswith("left")
     assert short.endswith("pos")
     assert width_of(short, 8) <= 1.0 < width_of(short + "xxx", 8)
@@ -129,8 +129,8 @@ def test_what_hardly_differs_is_drawn_alike() -> None:
     space = an_arm(1)
     lines = some_lines(space, 1)
     flat = [
-        MotionLine(one.words, one.colour, one.dashes, np.full(space.shape, 1e-6 * turn))
-        for turn, one in enumerate(lines)
+        MotionLine(line.words, line.colour, line.dashes, np.full(space.shape, 1e-6 * turn))
+        for turn, line in enumerate(lines)
     ]
     with style():
         figure = curves({}, space, flat, np.array([2.0]))
@@ -148,10 +148,10 @@ def colours(judged: PolicyVerdict, statistics: dict[str, Any]) -> dict[str, tupl
     """Return the colour of each row of a chart of shares, and whether its dot is full."""
     (drawing,) = shares(judged, SimpleNamespace(statistics=statistics))  # type: ignore[arg-type]
     axes = drawing.figure.axes[0]
-    names = [one.get_text() for one in axes.get_yticklabels()]
-    dots = [one for one in axes.collections if len(one.get_offsets()) == 1]
-    edges = [to_hex(one.get_edgecolor()[0]) for one in dots]
-    faces = [to_hex(one.get_facecolor()[0]) for one in dots]
+    names = [yticklabel.get_text() for yticklabel in axes.get_yticklabels()]
+    dots = [collection for collection in axes.collections if len(collection.get_offsets()) == 1]
+    edges = [to_hex(dot.get_edgecolor()[0]) for dot in dots]
+    faces = [to_hex(dot.get_facecolor()[0]) for dot in dots]
     return {name: (edge, edge == face) for name, edge, face in zip(names, edges, faces, strict=True)}
 
 
@@ -209,7 +209,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> PolicyScore:
 @pytest.mark.slow
 def test_every_statistic_is_explained(scored: PolicyScore) -> None:
     """Whatever a run prints has its line in the table of meanings."""
-    names = {meant_by(name) for one in scored.models.values() for name in one.statistics}
+    names = {meant_by(name) for model in scored.models.values() for name in model.statistics}
     assert names - set(MEANINGS) == set()
     assert {row[0] for row in meaning_table(scored).rows} == names
 
@@ -219,7 +219,7 @@ def test_a_moment_says_whose_it_is_and_how_it_is_read(scored: PolicyScore) -> No
     """The policy, the moment, what it is told, what a line is, and which way y points; at most five lines a figure."""
     spec = "python:arms:reach"
     drawn = moments(spec, scored.models[spec], None)
-    assert {one.name.partition("-")[0] for one in drawn} == {"moment", "pictures", "world"}
+    assert {moment.name.partition("-")[0] for moment in drawn} == {"moment", "pictures", "world"}
     for one in drawn:
         assert one.title.startswith(f"{spec} at ")
         assert "told “reach the" in one.title
@@ -234,7 +234,7 @@ def test_a_moment_says_whose_it_is_and_how_it_is_read(scored: PolicyScore) -> No
 def test_the_page_draws_each_moment_once(scored: PolicyScore) -> None:
     """The one at its head is not drawn again below, and no two figures of a policy are of one moment."""
     spec = "python:arms:reach"
-    titles = [one.title for one in moments(spec, scored.models[spec], None)]
+    titles = [moment.title for moment in moments(spec, scored.models[spec], None)]
     assert len(set(titles)) == len(titles) >= 4
     head, _, rest = made([(scored, None)]).page.html.decode().partition('id="part-1"')
     first, *others = map(escape, titles)

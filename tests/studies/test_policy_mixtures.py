@@ -27,9 +27,9 @@ def by_its_tool(images: Images, state: np.ndarray, instruction: str | None) -> n
     del instruction
     down, across = np.nonzero(images["top"].astype(int).sum(axis=2) < 200)
     seen = np.array([across.mean() + 0.5, down.mean() + 0.5]) / 32 if len(down) > 1 else np.full(2, 0.5)
-    found = drifting(state)
-    found[:, :2] += 2.0 * (np.full(2, 0.5) - seen)
-    return found
+    result = drifting(state)
+    result[:, :2] += 2.0 * (np.full(2, 0.5) - seen)
+    return result
 
 
 def in_the_light(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -40,7 +40,7 @@ def in_the_light(images: Images, state: np.ndarray, instruction: str | None) -> 
 
 def blindly(plain: Policy, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Answer as a policy does that is shown grey."""
-    return plain({name: np.full_like(one, GREY) for name, one in images.items()}, state, instruction)
+    return plain({name: np.full_like(image, GREY) for name, image in images.items()}, state, instruction)
 
 
 def without_looking(plain: Policy, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -111,7 +111,7 @@ def test_who_uses_less_gets_no_stronger_label(
     monkeypatch.syspath_prepend(Path(__file__).parent)
     *_, axis = MIXTURES[name]
     verdicts = on_the_way_down(bank, tmp_path / "run", name)
-    order, labels = list(AXES[axis]), [one.axes[axis].label for one in verdicts]
+    order, labels = list(AXES[axis]), [verdict.axes[axis].label for verdict in verdicts]
     least = next(label for label in reversed(order) if label not in {"undecided", "no_power"})
     said = [order.index(label) for label in labels if label not in {"undecided", "no_power"}]
     assert said == sorted(said), labels

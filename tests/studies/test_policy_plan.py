@@ -39,12 +39,12 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
     """In calls, channels and shares, and as JSON."""
     monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=6))
     bank = open_bank_simulator("tabletop").build(tmp_path / "bank", steps=4, seeds=(0, 1))
-    found = CliRunner().invoke(app, ["plan", str(bank.root)])
-    assert found.exit_code == 0, found.output
-    assert " cameras, camera:top, camera:wrist, state, instruction " in found.stdout
-    assert "how often 8 episodes (32 frames) settle it" in found.stdout
-    assert re.search(r"--shapley +64 calls more", found.stdout)
-    words = " ".join(found.stdout.split())
+    result = CliRunner().invoke(app, ["plan", str(bank.root)])
+    assert result.exit_code == 0, result.output
+    assert " cameras, camera:top, camera:wrist, state, instruction " in result.stdout
+    assert "how often 8 episodes (32 frames) settle it" in result.stdout
+    assert re.search(r"--shapley +64 calls more", result.stdout)
+    words = " ".join(result.stdout.split())
     assert "said of these episodes, not of the data set: where none of 8 responds, up to 43.8% may" in words
     said = json.loads(CliRunner().invoke(app, ["plan", str(bank.root), "--json"]).stdout)
     assert (said["episodes"], said["frames"]) == (8, 32)
@@ -56,8 +56,8 @@ def test_what_no_policy_can_get_is_said_before_a_call_is_made(tmp_path: Path, mo
     """Of fourteen joints no frame has a match: no use of a camera gets a label there, and the table promises none."""
     monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=1))
     bank = arm_bank(tmp_path / "arm", joints=14, side="still")
-    found = CliRunner().invoke(app, ["plan", str(bank.root), "--json"])
-    said = json.loads(found.stdout)
+    result = CliRunner().invoke(app, ["plan", str(bank.root), "--json"])
+    said = json.loads(result.stdout)
     assert said["matches"] == {"cameras": 0, "camera:front": 0, "camera:side": 0}
     assert said["matched"] == 0
     assert {pair[1] for shares in said["said"].values() for pair in shares.values()} == {0.0}
@@ -81,17 +81,17 @@ def test_a_run_makes_as_many_calls_as_were_planned_and_says_why_no_more(
     words = ["run", "policy", "--policy", "python:arm_logs:by_front", "--frames", str(bank.root)]
     for shapley in (False, True):
         asked = [*words, "--out", str(tmp_path / "run"), *(["--shapley"] if shapley else []), "--dry-run"]
-        found = CliRunner().invoke(app, asked)
-        assert found.exit_code == 0, found.output
-        (line,) = (line for line in found.stderr.splitlines() if "frames ×" in line)
+        result = CliRunner().invoke(app, asked)
+        assert result.exit_code == 0, result.output
+        (line,) = (line for line in result.stderr.splitlines() if "frames ×" in line)
         number = int(line.partition("): ")[2].split()[0])
         assert "conditions (not every frame can be shown every condition): " in line
         printed = CliRunner().invoke(app, ["plan", str(bank.root)]).stdout
         more = int(printed.partition("--shapley ")[2].split()[0]) if shapley else 0
         assert number == said["calls"] + more
-    reasons = [line.rpartition(", because ")[2] for line in found.stderr.splitlines() if line.startswith("left out: ")]
+    reasons = [line.rpartition(", because ")[2] for line in result.stderr.splitlines() if line.startswith("left out: ")]
     assert len(reasons) == len({*reasons}) > 0
-    assert any("named_plus, " in line for line in found.stderr.splitlines())
+    assert any("named_plus, " in line for line in result.stderr.splitlines())
 
 
 def test_labels_are_reachable_where_the_bank_can_show_them(tmp_path: Path) -> None:

@@ -43,9 +43,9 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 
 def told(*words: object, code: int = 0) -> str:
     """Return what a command prints, which exits so."""
-    found = CliRunner().invoke(app, list(map(str, words)))
-    assert found.exit_code == code, found.output
-    return found.output
+    result = CliRunner().invoke(app, list(map(str, words)))
+    assert result.exit_code == code, result.output
+    return result.output
 
 
 def test_shares_add_up_and_who_is_not_read_has_none(
@@ -57,11 +57,11 @@ def test_shares_add_up_and_who_is_not_read_has_none(
     words = ["run", "policy", "--frames", bank.root, "--out", tmp_path / "run", "--conditions", FEW, "--shapley"]
     said = told(*words, *(word for spec in specs for word in ("--policy", spec)))
     assert "480 calls are for Shapley shares alone" in " ".join(said.split())  # 2 policies, 48 frames, 5 conditions
-    found = {spec: one.statistics for spec, one in policy.score(tmp_path / "run").models.items()}
+    found = {spec: model.statistics for spec, model in policy.score(tmp_path / "run").models.items()}
     for statistics in found.values():
         parts = [statistics[f"shapley.{name}"] for name in ("cameras", "state", "instruction")]
-        assert sum(one.value for one in parts) == pytest.approx(1.0)
-        assert all(one.ci[0] <= one.value <= one.ci[1] for one in parts)
+        assert sum(part.value for part in parts) == pytest.approx(1.0)
+        assert all(part.ci[0] <= part.value <= part.ci[1] for part in parts)
     plain = found[specs[0]]
     assert plain["shapley.cameras"].value == pytest.approx(plain["T.swapped@cameras"].value)
     assert plain["shapley.state"].value == pytest.approx(plain["T.alone@state"].value)

@@ -36,9 +36,9 @@ def contrary(images: arms.Images, state: np.ndarray, instruction: str | None) ->
 
 def ends(images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Go to the middle, but with the last step where it sees the block."""
-    found = arms.middle(images, state, instruction)
-    found[-1] = arms.reach(images, state, instruction)[-1]
-    return found
+    result = arms.middle(images, state, instruction)
+    result[-1] = arms.reach(images, state, instruction)[-1]
+    return result
 
 
 def still(images: arms.Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -144,10 +144,10 @@ def test_a_camera_that_is_kept_or_noise_is_scored_where_it_is_named(scored: Poli
     root, spec = Path(scored.bank.root).parent.parent / "bank", "python:arms:reach"
     asked = ("real", "noise@wrist", "noise@top", "kept@camera:top")
     policy.run(policy.plan(root, [spec], tmp_path / "run", conditions=asked))
-    found = policy.score(tmp_path / "run").models[spec].statistics
-    assert found["T.noise@wrist"].value == 0
-    assert (found["T.noise@top"].value or 0) > 0.1
-    assert (found["T.kept@camera:top"].value or 0) > 0.1
+    statistics = policy.score(tmp_path / "run").models[spec].statistics
+    assert statistics["T.noise@wrist"].value == 0
+    assert (statistics["T.noise@top"].value or 0) > 0.1
+    assert (statistics["T.kept@camera:top"].value or 0) > 0.1
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 8, 9])

@@ -77,12 +77,12 @@ def test_scores_from_elsewhere_are_set_beside_every_cell(bank: FrameBank, tmp_pa
     run(bank, tmp_path / "study", prompts=["baseline", "anti_degeneracy"])
     scored = open_study("prompts").score(tmp_path / "study", ReadOptions(resamples=199))
     found = transfer([scored], {SPEC: 0.5})
-    assert [(one.model, one.bank) for one in found.cells] == [
+    assert [(cell.model, cell.bank) for cell in found.cells] == [
         (SPEC, f"{bank.name} under baseline"),
         (SPEC, f"{bank.name} under anti_degeneracy"),
     ]
-    assert [one.measured for one in found.cells] == [
-        one.models[SPEC].statistics["mutual_information.decision"].value for one in scored.batteries.values()
+    assert [cell.measured for cell in found.cells] == [
+        battery.models[SPEC].statistics["mutual_information.decision"].value for battery in scored.batteries.values()
     ]
     assert found.pearson.value is None, "all scores are the same"
 
@@ -132,7 +132,7 @@ def test_a_cell_in_which_nobody_was_asked_yet_is_no_part_of_the_score(bank: Fram
     asked = [one.name for one in run(bank, out)]
     begun = out / "begun"
     begun.mkdir()
-    told = json.loads((next(one for one in prompts.cells_in(out)) / "run.json").read_text(encoding="utf-8"))
+    told = json.loads((next(cell for cell in prompts.cells_in(out)) / "run.json").read_text(encoding="utf-8"))
     (begun / "run.json").write_text(json.dumps({**told, "models": {}}), encoding="utf-8")
     assert [one.name for one in prompts.score(out, resamples=99)] == asked
     assert begun in prompts.cells_in(out)
@@ -264,7 +264,7 @@ def test_the_page_names_the_prompts_under_which_each_model_looks() -> None:
         ("minimal", ["sees", "open", "blind"]),
     ]
     found = study.findings(score)
-    assert {spec: one.label for spec, one in found.items()} == {
+    assert {spec: finding.label for spec, finding in found.items()} == {
         "one": "looks under all two",
         "two": "looks under baseline only",
         "three": "looks under none",
@@ -274,14 +274,14 @@ def test_the_page_names_the_prompts_under_which_each_model_looks() -> None:
 def test_a_report_holds_what_score_prints(bank: FrameBank, tmp_path: Path) -> None:
     """As a page and as files, the table of each model in a file of its own."""
     run(bank, tmp_path / "run")
-    told = CliRunner().invoke(
+    result = CliRunner().invoke(
         app, ["report", str(tmp_path / "run"), "--out", str(tmp_path / "p.html"), "--tables", str(tmp_path / "t")]
     )
-    assert told.exit_code == 0, told.output
+    assert result.exit_code == 0, result.output
     html = (tmp_path / "p.html").read_text()
     assert re.findall(r'<table class="(\w+)', html) == ["tones", "prompts", "costs", "deployment"]
     assert [name for name in PROMPTS if f"<bdi>{name}" not in html] == []
     assert "default-src &#39;none&#39;" in html
-    assert {one.name for one in (tmp_path / "t").iterdir()} == {
+    assert {path.name for path in (tmp_path / "t").iterdir()} == {
         f"{name}.{kind}" for name in ("prompts", "costs", "deployment") for kind in ("csv", "md", "tex")
     }

@@ -61,7 +61,7 @@ def exchanged(run: Path, other: Path) -> Path:
 def change(run: Path, chosen: Callable[[str], bool], digest: str = "0" * 64) -> None:
     """Have the calls under some conditions say that they asked something else, in rows with their checksums."""
     with Ledger(run / LEDGER) as ledger:
-        sent = [one for spec in ledger.models() for one in ledger.attempts(spec)]
+        sent = [attempt for spec in ledger.models() for attempt in ledger.attempts(spec)]
     for file in run.glob(f"{LEDGER}*"):
         file.unlink()
     with Ledger(run / LEDGER, create=True) as ledger:

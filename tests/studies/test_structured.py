@@ -69,20 +69,20 @@ def test_an_estimator_fails_exactly_the_clauses_that_it_declares(admission: Stru
     """Seeing neither sides nor distance, calling everything close, saying one thing, leaving a field out."""
     scored = admission.models[f"scripted:{name}"]
     assert scored.failed == ESTIMATORS[name].fails
-    assert scored.admitted == (not ESTIMATORS[name].fails)
+    assert scored.is_admitted == (not ESTIMATORS[name].fails)
     assert {held.statistic.n for held in scored.clauses} <= {16, 32, 14}
 
 
 def test_the_picture_holds_the_answer(control: EstimatorScore) -> None:
     """The positive control errs by half a pixel at most, exactly alike in the reflection, and uses all actions."""
-    found = control.statistics
-    assert found["gap_mae_m"].detail["largest"] < 0.5 / 5.5 + 0.001  # ground truth has three decimals
-    assert found["gap_mae_m"].value < 0.055
-    assert found["gap_mae_m"].n == control.told.visible.sum() > 40
+    statistics = control.statistics
+    assert statistics["gap_mae_m"].detail["largest"] < 0.5 / 5.5 + 0.001  # ground truth has three decimals
+    assert statistics["gap_mae_m"].value < 0.055
+    assert statistics["gap_mae_m"].n == control.told.visible.sum() > 40
     for name in ("parse", "balanced_accuracy", "scene_equivariance", "action_equivariance", "swap_rate"):
-        assert found[name].value == 1.0
-    assert found["actions"].value == 5
-    assert control.admitted
+        assert statistics[name].value == 1.0
+    assert statistics["actions"].value == 5
+    assert control.is_admitted
     assert control.before is not None
 
 
@@ -118,7 +118,7 @@ def test_an_oracle_is_admitted_without_an_error(
     monkeypatch.setattr("oracle_door.ORACLE", Oracle(scenes), raising=False)
     monkeypatch.setitem(ADAPTERS, "oracle", "oracle_door")
     scored = ran("admission", bank, tmp_path / "run", ["oracle:truth"]).models["oracle:truth"]
-    assert scored.admitted
+    assert scored.is_admitted
     assert scored.statistics["gap_mae_m"].value == 0
     assert scored.statistics["lead_missed"].value == 0
 
@@ -151,7 +151,7 @@ def test_a_run_records_view_prompt_and_reader_and_goes_on_only_as_it_was_begun(b
     assert planned.counts() == (32, 0, 0)
     battery.run(planned, limits=planned.manifest.within(_prices(), calls=20))
     scored = structured.score(out).models[CONTROL]
-    assert (scored.answered, scored.admitted) == (20, False)
+    assert (scored.answered, scored.is_admitted) == (20, False)
     manifest, _ = read_run(out)
     assert (manifest.view, manifest.prompt.name, manifest.prompt.space) == (VIEWS["highway"].key, "scene", SCENES)
     for options, message in (({"view": "none"}, "this run has view highway@"), ({"seed": 1}, "this run has seed 0")):
@@ -231,8 +231,8 @@ FAR = Estimate(30.0, close=False, left_clear=True, right_clear=False, confidence
 def told(real: list[Estimate | None], mirrored: list[Estimate | None]) -> structured.SceneAnswers:
     """Return eight frames of two episodes, in turn close at 14 m and far at 32 m, with these estimates."""
     replies = {
-        "real": tuple(_reply(one) for one in real),
-        "mirrored": tuple(_reply(one) for one in mirrored),
+        "real": tuple(_reply(estimate) for estimate in real),
+        "mirrored": tuple(_reply(estimate) for estimate in mirrored),
     }
     gaps = np.array([14.0, 32.0] * 4)
     every = np.ones(8, dtype=np.bool_)
@@ -252,10 +252,10 @@ def figures(of: structured.SceneAnswers) -> Mapping[str, object]:
 def test_a_reply_without_an_estimate_is_never_right() -> None:
     """It is a wrong call of close, an unequal pair and no swap, and stays in every n."""
     real: list[Estimate | None] = [NEAR, FAR] * 4
-    mirrored: list[Estimate | None] = [one and one.mirrored() for one in real]
+    mirrored: list[Estimate | None] = [estimate and estimate.mirrored() for estimate in real]
     real[0], mirrored[3] = None, None
     found = figures(told(real, mirrored))
-    values = {name: (round(one.value, 6), one.n) for name, one in found.items() if one.value is not None}  # type: ignore[attr-defined]
+    values = {name: (round(figure.value, 6), figure.n) for name, figure in found.items() if figure.value is not None}  # type: ignore[attr-defined]
     assert values["parse"] == (14 / 16, 16)
     assert values["close_accuracy"] == (7 / 8, 8)
     assert values["sensitivity"] == (3 / 4, 4)
@@ -327,10 +327,10 @@ def test_forward_cameras_are_asked_through_their_own_view_with_their_own_distanc
     assert scored.manifest.view == VIEWS["rover"].key
     assert scored.manifest.prompt.name == "scene_forward"
     assert "nearer than 8 m" in scored.manifest.prompt.user
-    assert scored.models[CONTROL].admitted
+    assert scored.models[CONTROL].is_admitted
     assert scored.models[CONTROL].statistics["gap_mae_m"].value < 0.05
     failed = {name: scored.models[f"scripted:{name}"].failed for name in ESTIMATORS}
-    assert failed == {name: one.fails for name, one in ESTIMATORS.items()}
+    assert failed == {name: estimator.fails for name, estimator in ESTIMATORS.items()}
 
 
 class Unseeing(Oracle):

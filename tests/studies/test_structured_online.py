@@ -25,7 +25,7 @@ from eyechart.studies import ReadOptions, open_study, study_of
 from eyechart.studies.probes import spent_on
 from eyechart.studies.structured import online
 from eyechart.studies.structured.observed_frames import SEEN, check
-from eyechart.studies.structured.online import WorldCheck, vet
+from eyechart.studies.structured.online import WorldCheck, check_world
 from eyechart.verdicts.admission import CLAUSES
 
 CONTROL = "scripted:scene_positive_control"
@@ -86,14 +86,14 @@ def test_estimators_drive_in_worlds_that_pass_and_as_they_were_vetted(
 
 def test_a_world_that_tells_what_is_not_in_the_picture_fails_the_positive_control() -> None:
     """The check is of the truth against the pixels, at every frame."""
-    found = vet(open_simulator("off"), "merge", 1, VIEWS["highway"])
+    found = check_world(open_simulator("off"), "merge", 1, VIEWS["highway"])
     assert found.why is not None
     assert "positive control: the gap is read 0.2" in found.why
 
 
 def test_a_world_is_not_refused_for_what_stands_beside_a_forward_camera() -> None:
     """At three of 24 frames an obstacle beside the rover closes a side, which no picture shows; it is counted."""
-    found = vet(open_simulator("rover"), "offset", 0, None)
+    found = check_world(open_simulator("rover"), "offset", 0, None)
     assert (found.why, found.frames, found.unseen, found.ended) == (None, 24, 3, "goal")
 
 

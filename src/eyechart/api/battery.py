@@ -50,9 +50,9 @@ class Report(RunReport[BatteryScore, Verdict]):
         run's models, where it is corrected. An inconclusive value is None, and ``note`` says why.
         """
         return [
-            row_of("model", spec, name, one, p_holm=model.holm.get(name))
+            row_of("model", spec, name, statistic, p_holm=model.holm.get(name))
             for spec, model in self.score.models.items()
-            for name, one in model.statistics.items()
+            for name, statistic in model.statistics.items()
         ]
 
     @speaks_of_arguments
@@ -97,7 +97,7 @@ def build_bank(
     """
     steps = whole_number("steps", steps, 1)
     require_several("seeds", seeds, "(0, 1, 2)")
-    drawn = [whole_number("each of seeds", one, 0) for one in seeds]
+    drawn = [whole_number("each of seeds", seed, 0) for seed in seeds]
     opened = open_bank_simulator(simulator)
     return opened.build(Path(out), preset=preset, seeds=drawn, steps=steps, progress=progress)
 
@@ -193,8 +193,8 @@ def run_battery(
 
     bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
     allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds)
-    asked = RunModes(modes, by_option, how)
-    planned = plan_probed(Planner(plan, [place]), asked, allowed, partial(_ask, fixed=[*how]))[0]
+    runmodes = RunModes(modes, by_option, how)
+    planned = plan_probed(Planner(plan, [place]), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a failed probe raises before this
     planned.make(allowed, moving(progress))
     return _read_report(still(out, place))

@@ -49,9 +49,9 @@ class PolicyReport(RunReport[PolicyScore, PolicyVerdict]):
         ``note`` says why.
         """
         return [
-            row_of("policy", spec, name, one)
+            row_of("policy", spec, name, statistic)
             for spec, found in self.score.models.items()
-            for name, one in found.statistics.items()
+            for name, statistic in found.statistics.items()
         ]
 
     @speaks_of_arguments

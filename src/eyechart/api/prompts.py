@@ -42,7 +42,7 @@ class PromptsReport:
     @property
     def models(self) -> dict[str, PromptSensitivity]:
         """Return each model's labels under every prompt, by SPEC."""
-        return {one.model: one for one in study.by_model(self.score.cells)}
+        return {sensitivity.model: sensitivity for sensitivity in study.by_model(self.score.cells)}
 
     @speaks_of_arguments
     def __getitem__(self, model: str) -> PromptSensitivity:
@@ -57,11 +57,11 @@ class PromptsReport:
     def __str__(self) -> str:
         """Return in words under which prompts each model looks, and how others differ."""
         words = [
-            " ".join(filter(None, (f"{who} looks: {one.label}.", one.words, one.why_not)))
-            for who, one in self.models.items()
+            " ".join(filter(None, (f"{who} looks: {model.label}.", model.words, model.why_not)))
+            for who, model in self.models.items()
         ]
         for name, found in self.against.items():
-            words += [f"{spec}, {name} against {self.first}: {one.words}." for spec, one in found.models.items()]
+            words += [f"{spec}, {name} against {self.first}: {model.words}." for spec, model in found.models.items()]
         return "\n".join(words)
 
     def table(self) -> Table:
@@ -71,17 +71,17 @@ class PromptsReport:
     def differences(self, *, every: bool = False) -> list[Table]:
         """Return a table per model and prompt: differences in main or ``every`` statistics."""
         return [
-            replace(replication_table(one, every=every), caption=f"{spec}: {name} against {self.first}")
+            replace(replication_table(model, every=every), caption=f"{spec}: {name} against {self.first}")
             for name, found in self.against.items()
-            for spec, one in found.models.items()
+            for spec, model in found.models.items()
         ]
 
     def rows(self) -> list[dict[str, object]]:
         """Return every statistic of every model and prompt as plain values, like `Report.rows`."""
         return [
-            {"prompt": cell.name, **row_of("model", cell.model, name, one, p_holm=cell.holm.get(name))}
+            {"prompt": cell.name, **row_of("model", cell.model, name, statistic, p_holm=cell.holm.get(name))}
             for cell in self.score.cells
-            for name, one in cell.statistics.items()
+            for name, statistic in cell.statistics.items()
         ]
 
     def as_dict(self) -> dict[str, object]:
@@ -160,8 +160,8 @@ def _planned(
     def plan(modes: Sequence[RequestMode]) -> PromptStudy:
         return cells(specs=[held.get(mode.spec, mode) for mode in modes])
 
-    asked = RunModes(modes, by_option, how)
-    planned = plan_probed(Planner(plan, study.cells_in(place)), asked, allowed, partial(_ask, fixed=[*how]))[0]
+    runmodes = RunModes(modes, by_option, how)
+    planned = plan_probed(Planner(plan, study.cells_in(place)), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a failed probe raises before this
     return planned
 

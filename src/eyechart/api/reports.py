@@ -54,14 +54,14 @@ class RunReport(ABC, Generic[S, V]):
         return len(self.verdicts)
 
     def __repr__(self) -> str:
-        labels = ", ".join(f"{spec}: {one.headline}" for spec, one in self.verdicts.items())
+        labels = ", ".join(f"{spec}: {verdict.headline}" for spec, verdict in self.verdicts.items())
         return f"<{type(self).__name__} on {self.path}: {labels or f'no {self.asked}'}>"
 
     def __str__(self) -> str:
         return "\n\n".join([*filter(None, [self._said()]), f"Scope: {self._scope()}"])
 
     def _repr_html_(self) -> str:
-        cards = "".join(one._repr_html_() for one in self.verdicts.values())
+        cards = "".join(verdict._repr_html_() for verdict in self.verdicts.values())
         return f"<div><p><strong>{escape(str(self.path))}</strong>. {escape(self._scope())}</p>{cards}</div>"
 
     def _said(self) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from eyechart.errors import ArgumentError, SpecError, meant
+from eyechart.errors import ArgumentError, SpecError, did_you_mean
 from eyechart.frames import FrameBank
 
 
@@ -51,7 +51,7 @@ def require_arguments(function: str, given: Collection[str], known: type) -> Non
     taken = known.__annotations__
     for name in given:
         if name not in taken:
-            near = f"{meant(name, taken)} it takes {', '.join(taken)}"
+            near = f"{did_you_mean(name, taken)} it takes {', '.join(taken)}"
             raise ArgumentError(f"{function}() got an unexpected keyword argument '{name}';{near}")
 
 

@@ -78,7 +78,7 @@ class Recipe(JsonRecord):
     def from_dict(cls, raw: Mapping[str, object]) -> "Recipe":
         """Read a recipe, also of another eyechart; raises BundleError if it is none."""
         with raising(BundleError, f"{INDEX} does not say how its results were made", of=ValueError):
-            return build(cls, {one.name: raw.get(one.name) for one in fields(cls)}, INDEX)
+            return build(cls, {field.name: raw.get(field.name) for field in fields(cls)}, INDEX)
 
     def elsewhere(self, readers: Sequence[int] = READERS) -> str | None:
         """Return in words which other eyechart or reader made the results; None for this one.
@@ -139,7 +139,7 @@ def derive(
     if isinstance(score, BatteryScore):
         more[DECISIONS] = decisions_table(score).csv().encode("utf-8", "backslashreplace")
     models = score.models.values()
-    statistics, calls = sum(len(one.statistics) for one in models), sum(one.answered for one in models)
+    statistics, calls = sum(len(model.statistics) for model in models), sum(model.answered for model in models)
     return DerivedResults.of(results, made, _HOW, more, models=len(manifest.models), statistics=statistics, calls=calls)
 
 
@@ -162,7 +162,7 @@ def digests(ledger_path: Path, spec: str) -> dict[str, str]:
 
 def _as_of_old(reply: Reply) -> dict[str, object]:
     """Return a reply without unknown fields that 0.1.0 lacked, to keep an older digest."""
-    values = ((one.name, getattr(reply, one.name)) for one in fields(reply))
+    values = ((field.name, getattr(reply, field.name)) for field in fields(reply))
     return {name: value for name, value in values if value is not None or name not in SINCE_FORMAT_3}
 
 

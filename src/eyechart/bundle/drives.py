@@ -9,7 +9,15 @@ from eyechart.bundle.differences import TOLERANCE, PrintedDifference
 from eyechart.episodes import ACTION_MAP, Episode, EpisodesManifest, every_episode, read_episodes, unfinished
 from eyechart.episodes.plans import PATIENCE_S
 from eyechart.episodes.records import decided_by
-from eyechart.episodes.repeats import Mismatch, ReplayDifferences, longest, other_versions, refused, repeat, world_of
+from eyechart.episodes.repeats import (
+    Mismatch,
+    ReplayDifferences,
+    longest,
+    other_versions,
+    repeat,
+    why_not_opened,
+    world_of,
+)
 from eyechart.errors import BundleError, counted
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN, read_episodes_manifest
@@ -18,7 +26,7 @@ from eyechart.policies.baselines import drawn_like
 from eyechart.simulators import Simulator
 from eyechart.studies import Tell
 from eyechart.studies.structured.observed_frames import ObservedFrames, check, read_seen
-from eyechart.studies.structured.online import WorldCheck, read_vetting, vet
+from eyechart.studies.structured.online import WorldCheck, check_world, read_vetting
 
 MOST_EPISODES = 100_000
 MOST_STEPS = 5_000_000
@@ -60,8 +68,8 @@ class RunCheck:
 def require_bounded_drives(run: Path) -> None:
     """Raise BundleError if a run of drives is too large to validate; nothing is computed before."""
     episodes = steps = 0
-    for one in read_episodes(run):
-        episodes, steps = episodes + 1, steps + len(one.steps)
+    for episode in read_episodes(run):
+        episodes, steps = episodes + 1, steps + len(episode.steps)
         for what, count, most in (("episodes", episodes, MOST_EPISODES), ("steps", steps, MOST_STEPS)):
             if count > most:
                 raise BundleError(f"it has more than {most} {what}, the most that are validated: nothing is recomputed")
@@ -72,31 +80,31 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: ReplayChec
 
     Worlds with foreign code are not opened; the notes name episodes that were not driven.
     """
-    found, manifest = RunCheck([], [], [], {}), read_episodes_manifest(run)
+    result, manifest = RunCheck([], [], [], {}), read_episodes_manifest(run)
     if (run / RUN).read_bytes() != manifest.as_text().encode():
-        found.differences.append(PrintedDifference(RUN, "written in another way", "as a run is written"))
-    episodes = list({one.key: one for one in read_episodes(run)}.values())
+        result.differences.append(PrintedDifference(RUN, "written in another way", "as a run is written"))
+    episodes = list({episode.key: episode for episode in read_episodes(run)}.values())
     if (run / LEDGER).is_file():
         with Ledger(run / LEDGER, sound=False) as ledger:
             damaged = ledger.damaged()
-            found.differences += [
+            result.differences += [
                 PrintedDifference(f"{LEDGER}, {one}", "a row", "another than was written") for one in damaged
             ]
             ledger.take()
-            found.differences += _asked_twice(ledger, manifest)
-    if why := refused(manifest):
-        found.uncompared.append(f"the drives of {manifest.simulator}")
-        found.notes.append(f"nothing was driven again: {why}")
-        return found
+            result.differences += _asked_twice(ledger, manifest)
+    if why := why_not_opened(manifest):
+        result.uncompared.append(f"the drives of {manifest.simulator}")
+        result.notes.append(f"nothing was driven again: {why}")
+        return result
     simulator = world_of(run, manifest)
-    found.differences += [*_declared(manifest, simulator), *_drawn(run, manifest)]
+    result.differences += [*_declared(manifest, simulator), *_drawn(run, manifest)]
     apart = other_versions(manifest, simulator)
     if _ACTION_MAP in apart:  # it lies beside the run and is no library
-        found.differences.append(PrintedDifference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
+        result.differences.append(PrintedDifference(f"{ACTION_MAP}, digest", *apart.pop(_ACTION_MAP)))
     words = "; ".join(f"{name} {made}, here {here}" for name, (made, here) in apart.items())
     same = exact and not apart
-    chosen, worlds = _chosen(run, manifest, episodes, how, found), manifest.simulator
-    vetted, seen = _vetted(run, how, found, same=same), _seen(run, chosen, same=same)
+    chosen, worlds = _chosen(run, manifest, episodes, how, result), manifest.simulator
+    vetted, seen = _vetted(run, how, result, same=same), _seen(run, chosen, same=same)
     most = longest(manifest, episodes)
     how.announce(_bound(chosen, len(episodes), worlds, how, most) + _online_bound(vetted, seen))
     repeats = repeat(
@@ -107,12 +115,12 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: ReplayChec
         processes=how.processes,
         progress=lambda done, all_: tell(f"driving again: {done} of {all_} episodes of {worlds}"),
     )
-    found.compared.update({"episodes driven again": repeats.episodes, "steps": repeats.steps})
-    _hold(repeats, found, words if exact else words or "another eyechart", same_pictures=same_pictures)
-    _hold_vetting(vetted, manifest, simulator, found)
-    _hold_seen(seen, manifest, simulator, found, told=bool(read_seen(run)))
-    _say(run, manifest, episodes, found)
-    return found
+    result.compared.update({"episodes driven again": repeats.episodes, "steps": repeats.steps})
+    _hold(repeats, result, words if exact else words or "another eyechart", same_pictures=same_pictures)
+    _hold_vetting(vetted, manifest, simulator, result)
+    _hold_seen(seen, manifest, simulator, result, told=bool(read_seen(run)))
+    _say(run, manifest, episodes, result)
+    return result
 
 
 def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[PrintedDifference]:
@@ -128,7 +136,7 @@ def _declared(manifest: EpisodesManifest, simulator: Simulator) -> Iterator[Prin
 
 def _drawn(run: Path, manifest: EpisodesManifest) -> Iterator[PrintedDifference]:
     """Yield wrong counts of marginal policies: those that are not their driver's decisions."""
-    for spec in {one.key.policy: None for one in read_episodes(run) if one.steps}:
+    for spec in {episode.key.policy: None for episode in read_episodes(run) if episode.steps}:
         if driver := manifest.marginal_of(spec):
             counts, made = decided_by(driver, spec, read_episodes(run)), manifest.policies[spec]
             if (here := drawn_like(counts, manifest.action_space).version) != made:
@@ -176,14 +184,14 @@ def _hold(repeats: ReplayDifferences, found: RunCheck, apart: str, *, same_pictu
     if apart:
         found.uncompared.append(f"{repeats.episodes} episodes, driven with other versions")
         found.notes.append(f"not comparable: driven with {apart}")
-        first = min(repeats.mismatches, key=lambda one: (one.step or 0, one.key), default=None)
+        first = min(repeats.mismatches, key=lambda mismatch: (mismatch.step or 0, mismatch.key), default=None)
         found.notes.append(
             "decisions and truth to 3 decimals are the same at every step"
             if first is None
             else f"with other versions the first step that differs: {_difference(first)}"
         )
         return
-    found.differences += [_difference(one) for one in repeats.mismatches]
+    found.differences += [_difference(mismatch) for mismatch in repeats.mismatches]
     if same_pictures:
         found.differences += [_difference(one) for one in repeats.unlike]
         found.compared["requests"] = repeats.requests
@@ -198,8 +206,8 @@ def _hold(repeats: ReplayDifferences, found: RunCheck, apart: str, *, same_pictu
 
 def _hold_states(repeats: ReplayDifferences, found: RunCheck) -> None:
     """Compare exact states with the record; if none agrees, another machine drove."""
-    unlike = [one for one in repeats.states if one[1] != one[2]]
-    one_to_one = len({pair[1:] for pair in repeats.states}) == len({one[1] for one in repeats.states})
+    unlike = [state for state in repeats.states if state[1] != state[2]]
+    one_to_one = len({pair[1:] for pair in repeats.states}) == len({state[1] for state in repeats.states})
     if unlike and len(unlike) == len(repeats.states) and one_to_one:
         found.uncompared.append("exact states")
         found.notes.append(
@@ -211,12 +219,12 @@ def _hold_states(repeats: ReplayDifferences, found: RunCheck) -> None:
         found.differences.append(_difference(Mismatch(key, None, "state at the end (SHA-256)", recorded, driven)))
 
 
-def _difference(one: Mismatch) -> PrintedDifference:
-    return PrintedDifference(one.where, one.recorded, one.driven)
+def _difference(mismatch: Mismatch) -> PrintedDifference:
+    return PrintedDifference(mismatch.where, mismatch.recorded, mismatch.driven)
 
 
 def _bound(chosen: Sequence[Episode], of: int, worlds: str, how: ReplayCheck, most: int) -> str:
-    steps = sum(most if one.ended == "error" else len(one.steps) for one in chosen)
+    steps = sum(most if episode.ended == "error" else len(episode.steps) for episode in chosen)
     where = f"{counted(steps, 'step')} in {counted(how.processes, 'process')}"
     again = f"driving {len(chosen)} of {counted(of, 'episode')} of {worlds} again"
     return f"{again}: {where}, none longer than {PATIENCE_S:g} s"
@@ -249,7 +257,7 @@ def _vetted(run: Path, how: ReplayCheck, found: RunCheck, *, same: bool) -> Sequ
 def _seen(run: Path, chosen: Sequence[Episode], *, same: bool) -> Sequence[tuple[ObservedFrames, Episode]]:
     """Return the chosen episodes that an online run recorded as checked, with that record."""
     told = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)} if same else {}
-    found = ((told.get((one.key.policy, one.key.scenario, one.key.seed)), one) for one in chosen)
+    found = ((told.get((episode.key.policy, episode.key.scenario, episode.key.seed)), episode) for episode in chosen)
     return [(mine, one) for mine, one in found if mine is not None and one.ended != "error"]
 
 
@@ -261,7 +269,7 @@ def _hold_vetting(
         return
     view = find_view(manifest.view)
     for one in vetted:
-        again, where = vet(simulator, one.scenario, one.seed, view), f"vetting of {one.scenario}/{one.seed}"
+        again, where = check_world(simulator, one.scenario, one.seed, view), f"vetting of {one.scenario}/{one.seed}"
         found.differences += _apart(where, one, again, ("frames", "ended", "actions", "gap_mae_m", "why", "unseen"))
     found.compared["vetted worlds"] = len(vetted)
 
@@ -300,7 +308,7 @@ def _say(run: Path, manifest: EpisodesManifest, episodes: Sequence[Episode], fou
     """Note the parts of a run that no drive can check."""
     if called := [spec for spec in manifest.models if spec.startswith("python:")]:
         found.notes.append(f"unchecked: the code of {', '.join(called)}; its replies are those of the record")
-    over = {one.key for one in episodes}
+    over = {episode.key for episode in episodes}
     left = unfinished(run, [key for key in every_episode(manifest) if key not in over], manifest.models)
     if begun := sum(one.begun or 0 for one in left):
         found.notes.append(f"{begun} episodes were started and are unfinished: their calls were not compared")

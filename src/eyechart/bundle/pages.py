@@ -149,7 +149,9 @@ class Tolerance:
     def kept(self, html: str) -> list[Token]:
         """Return the tokens to compare; without ``drawings``, only the words of each drawing."""
         every = tokens_of(html if self.pictures else _PICTURE.sub('""', html))
-        return [one for one in every if self.drawings or not one.drawn or (not one.shape and one.text.strip())]
+        return [
+            token for token in every if self.drawings or not token.drawn or (not token.shape and token.text.strip())
+        ]
 
 
 def compare_pages(
@@ -172,13 +174,15 @@ def compare_pages(
             yield from _compare_tokens(one, other, rounding, how)
 
 
-def _compare_tokens(one: Token, other: Token, rounding: RoundedNumbers, how: Tolerance) -> Iterator[PrintedDifference]:
+def _compare_tokens(
+    token: Token, other: Token, rounding: RoundedNumbers, how: Tolerance
+) -> Iterator[PrintedDifference]:
     if not other.shape:
         weighed = " MB before base64" in other.text and not how.pictures
-        if not rounding.same(one.text, other.text) and not weighed:
-            yield PrintedDifference(other.where, one.words, other.words)
+        if not rounding.same(token.text, other.text) and not weighed:
+            yield PrintedDifference(other.where, token.words, other.words)
         return
-    mine, theirs = dict(one.attributes), dict(other.attributes)
+    mine, theirs = dict(token.attributes), dict(other.attributes)
     unlike = [
         name
         for name in [*theirs, *(name for name in mine if name not in theirs)]
@@ -187,7 +191,7 @@ def _compare_tokens(one: Token, other: Token, rounding: RoundedNumbers, how: Tol
     for name in unlike:
         words = f"{other.where}, {other.shape.partition(' ')[2]} {name}"
         yield PrintedDifference(words, str(mine.get(name)), str(theirs.get(name)))
-    if not unlike and (skeleton(one.text) != skeleton(other.text) or len(one.attributes) != len(other.attributes)):
+    if not unlike and (skeleton(token.text) != skeleton(other.text) or len(token.attributes) != len(other.attributes)):
         yield PrintedDifference("report.html, its markup", "written in another way", "as a report is written")
 
 
@@ -208,7 +212,7 @@ def _compare_data(
         mine, theirs = (
             dict[str, Any](chain.from_iterable(json.loads(one).items() for one in side)) for side in (given, own)
         )
-        written = all(same_writing(json.loads(one), one, embedded_json) for one in given)
+        written = all(same_writing(json.loads(block), block, embedded_json) for block in given)
     except (ValueError, AttributeError, RecursionError):
         yield PrintedDifference("report.html, frames", "data that cannot be read", "the calls of the ledger")
         return

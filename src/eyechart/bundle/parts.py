@@ -109,16 +109,18 @@ def _decisions(score: object) -> dict[str, bytes]:
     """Return a table of every decision for each cell of a prompt study; empty for drives."""
     cells = score.batteries if isinstance(score, PromptsScore) else {}
     return {
-        f"{TABLES}decisions-{name}.csv": decisions_table(one).csv().encode("utf-8", "backslashreplace")
-        for name, one in cells.items()
+        f"{TABLES}decisions-{name}.csv": decisions_table(cell).csv().encode("utf-8", "backslashreplace")
+        for name, cell in cells.items()
     }
 
 
 def _episodes(run: Path) -> dict[str, str]:
     """Return a digest of a run's episode records by policy, for what no drive can check."""
     found: dict[str, hashlib._Hash] = {}
-    for one in read_episodes(run):
-        found.setdefault(one.key.policy, hashlib.sha256()).update(one.as_line().encode("utf-8", "backslashreplace"))
+    for episode in read_episodes(run):
+        found.setdefault(episode.key.policy, hashlib.sha256()).update(
+            episode.as_line().encode("utf-8", "backslashreplace")
+        )
     return {policy: digest.hexdigest() for policy, digest in sorted(found.items())}
 
 

@@ -104,7 +104,7 @@ def _check(file: Path, entries: list[zipfile.ZipInfo]) -> None:
 
 def _check_entry(file: Path, entry: zipfile.ZipInfo, count: int) -> None:
     name, parts = entry.filename, entry.filename.split("/")
-    leads_out = any(one in {"", ".", ".."} or len(one.encode()) > 255 or _DRIVE.fullmatch(one) for one in parts)
+    leads_out = any(part in {"", ".", ".."} or len(part.encode()) > 255 or _DRIVE.fullmatch(part) for part in parts)
     if leads_out or not _PLAIN.fullmatch(name):
         raise BundleError(f"{file} is no bundle: {name[:200]!r} is not a plain file name")
     bank = bool(_BANK.fullmatch(name))

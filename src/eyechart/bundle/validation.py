@@ -112,14 +112,14 @@ def validate(file: Path, *, tell: Tell = lambda _: None, again: ReplayCheck = US
             for name, version in drawn_with().items()
             if recipe.drawn_with.get(name) != version
         ]
-        found = Validation([], [], [*_check_files(folder, names, index)], {"files": len(names)}, notes)
+        validation = Validation([], [], [*_check_files(folder, names, index)], {"files": len(names)}, notes)
         try:
             recompute = _recompute_parts if has_parts(folder / RUN_FOLDER) else _recompute
-            recompute(folder, names, recipe, found, tell, again)
+            recompute(folder, names, recipe, validation, tell, again)
         except (EyechartError, sqlite3.Error, RecursionError) as error:
             words = str(error).replace(f"{work}/", "")
-            found.differences.append(PrintedDifference("everything that follows from the run", "results", words))
-        return found
+            validation.differences.append(PrintedDifference("everything that follows from the run", "results", words))
+        return validation
 
 
 def _require_bounded(run: Path, manifest: RunManifest) -> None:
@@ -131,11 +131,11 @@ def _require_bounded(run: Path, manifest: RunManifest) -> None:
             frames = sum(1 for _ in lines)
     planned = len(manifest.models) * (len(manifest.frames) or frames) * len(manifest.conditions) * manifest.answers
     with Ledger(run / LEDGER, sound=False) as ledger:
-        made = ledger.held().requests
+        requests = ledger.held().requests
     for what, count, most in (
         ("frames", frames, MOST_FRAMES),
         ("planned calls", planned, MOST_CALLS),
-        ("attempts in its ledger", made, MOST_CALLS),
+        ("attempts in its ledger", requests, MOST_CALLS),
     ):
         if count > most:
             raise BundleError(f"it has {count} {what}, more than the {most} that are validated: nothing is recomputed")
@@ -179,23 +179,23 @@ def _check_files(folder: Path, names: list[str], index: Mapping[str, object]) ->
 
 
 def _recompute(
-    folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: ReplayCheck
+    folder: Path, names: list[str], recipe: Recipe, validation: Validation, tell: Tell, again: ReplayCheck
 ) -> None:
     """Recompute a run on a bank and compare; adds to ``found``."""
     run = folder / RUN_FOLDER
     _announce([run], again)
     manifest, asked, bank = _check_calls(run, recipe, mine := RunCheck([], [], [], {}), tell)
     made = recipe.elsewhere(manifest.prompt.readers)
-    _add(mine, found)
+    _add(mine, validation)
     derived = derive(run, manifest, (asked, bank), recipe, tell)
     pictures = used_pictures(manifest, asked)
     held = {f"{RUN_FOLDER}/{name}" for name in (RUN, LEDGER, *(f"{BANK}/{file}" for file in (*BANK_TEXT, *pictures)))}
-    found.compared.update(derived.counted, pictures=len(pictures))
-    _compare_derived(folder, names, held, recipe, made, derived, found)
+    validation.compared.update(derived.counted, pictures=len(pictures))
+    _compare_derived(folder, names, held, recipe, made, derived, validation)
 
 
 def _recompute_parts(
-    folder: Path, names: list[str], recipe: Recipe, found: Validation, tell: Tell, again: ReplayCheck
+    folder: Path, names: list[str], recipe: Recipe, validation: Validation, tell: Tell, again: ReplayCheck
 ) -> None:
     """Recompute the runs of a study and compare; drives again only in worlds that ship."""
     run, held, made = folder / RUN_FOLDER, set[str](), recipe.elsewhere()
@@ -215,50 +215,52 @@ def _recompute_parts(
             manifest, asked, _ = _check_calls(part, recipe, mine, tell)
             held |= {f"{here}/{file}" for file in (RUN, LEDGER)}
             held |= {f"{here}/{BANK}/{file}" for file in (*BANK_TEXT, *used_pictures(manifest, asked))}
-        _add(mine, found, said)
+        _add(mine, validation, said)
     derived = derive_parts(run, recipe, tell)
-    found.compared.update(derived.counted)
-    _compare_derived(folder, names, held, recipe, made, derived, found)
+    validation.compared.update(derived.counted)
+    _compare_derived(folder, names, held, recipe, made, derived, validation)
 
 
-def _add(mine: RunCheck, found: Validation, said: str = "") -> None:
+def _add(mine: RunCheck, validation: Validation, said: str = "") -> None:
     """Add the findings of one run; ``said`` names the run among several."""
-    found.differences.extend(replace(one, where=f"{said}{one.where}") for one in mine.differences)
-    found.uncompared.extend(f"{said}{one}" for one in mine.uncompared)
-    found.notes.extend(f"{said}{one}" for one in mine.notes)
+    validation.differences.extend(
+        replace(difference, where=f"{said}{difference.where}") for difference in mine.differences
+    )
+    validation.uncompared.extend(f"{said}{one}" for one in mine.uncompared)
+    validation.notes.extend(f"{said}{note}" for note in mine.notes)
     for what, count in mine.compared.items():
-        found.compared[what] = found.compared.get(what, 0) + count
+        validation.compared[what] = validation.compared.get(what, 0) + count
 
 
-def _check_calls(run: Path, recipe: Recipe, found: RunCheck, tell: Tell) -> tuple[RunManifest, FrameBank, FrameBank]:
+def _check_calls(run: Path, recipe: Recipe, check: RunCheck, tell: Tell) -> tuple[RunManifest, FrameBank, FrameBank]:
     """Check a run's bank and requests; return its manifest, its bank as used, and as stored."""
     manifest = read_manifest(run)
     _require_bounded(run, manifest)
     bank = open_unchecked(run / BANK)
     asked = asked_of(bank, manifest.prompt, recipe.reader)
     if not recipe.elsewhere(manifest.prompt.readers) and (run / RUN).read_bytes() != manifest.as_text().encode():
-        found.differences.append(
+        check.differences.append(
             PrintedDifference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written")
         )
     tell("checking the bank")
-    found.differences.extend(check_bank(manifest, asked))
+    check.differences.extend(check_bank(manifest, asked))
     with Ledger(run / LEDGER, sound=False) as ledger:
         damaged = ledger.damaged()
-        found.differences.extend(
+        check.differences.extend(
             PrintedDifference(f"{LEDGER}, {one}", "a row", "another than was written") for one in damaged
         )
         ledger.take()  # so that figures from damaged rows are named too
         if unchecked := ledger.unchecked():
-            found.notes.append(f"{unchecked} replies are older than checksums: not checked")
+            check.notes.append(f"{unchecked} replies are older than checksums: not checked")
         tell("checking the requests")
         requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
-    found.differences.extend(requests)
+    check.differences.extend(requests)
     frames = {key.frame for key in plan_of(manifest, asked).keys()}  # noqa: SIM118 - a plan is no mapping
-    found.compared.update({"frames": len(frames), "requests": count})
+    check.compared.update({"frames": len(frames), "requests": count})
     if unlike:
         named = ", ".join(unlike)
-        found.notes.append(f"this machine encodes the pictures of {named} to other bytes: no request compared")
-        found.uncompared.append(f"requests of {named}")
+        check.notes.append(f"this machine encodes the pictures of {named} to other bytes: no request compared")
+        check.uncompared.append(f"requests of {named}")
     return manifest, asked, bank
 
 
@@ -269,52 +271,52 @@ def _compare_derived(
     recipe: Recipe,
     made: str | None,
     derived: DerivedResults,
-    found: Validation,
+    validation: Validation,
 ) -> None:
     """Compare every file that follows from the runs; ``held`` are the files of the runs.
 
     ``made`` names another eyechart that made it; None for this one.
     """
     held |= {INDEX, *derived.files}
-    found.differences.extend(
+    validation.differences.extend(
         PrintedDifference(f"file {name}", "in the bundle", "neither used by the run nor made from it")
         for name in names
         if name not in held and not (made and name.startswith((TABLES, SOURCE)))  # it has others
     )
-    found.compared["tables"] = sum(name.startswith(TABLES) for name in derived.files)
+    validation.compared["tables"] = sum(name.startswith(TABLES) for name in derived.files)
     if made:
-        _compare_elsewhere(folder, made, derived, found)
+        _compare_elsewhere(folder, made, derived, validation)
         return
     strict = Tolerance(drawings=_same(recipe, "matplotlib"), pictures=_same(recipe, "pillow", "webp"))
-    found.differences.extend(_compare(folder, derived, strict))
+    validation.differences.extend(_compare(folder, derived, strict))
     if not strict.drawings:
-        found.notes.append("of the drawings only the words were compared")
-        found.uncompared.append("drawings")
+        validation.notes.append("of the drawings only the words were compared")
+        validation.uncompared.append("drawings")
     if not strict.pictures:
-        found.notes.append("the pictures in the page were not compared with those of the bank")
-        found.uncompared.append("pictures")
+        validation.notes.append("the pictures in the page were not compared with those of the bank")
+        validation.uncompared.append("pictures")
 
 
-def _compare_elsewhere(folder: Path, made: str, derived: DerivedResults, found: Validation) -> None:
+def _compare_elsewhere(folder: Path, made: str, derived: DerivedResults, validation: Validation) -> None:
     """Compare another eyechart's output: replies strictly, figures one by one, files if equal.
 
     The file cannot show whether other rules or a person changed a figure.
     """
-    found.notes.append(made)
+    validation.notes.append(made)
     for name, content in derived.files.items():
         if name != RESULTS and (not (folder / name).is_file() or (folder / name).read_bytes() != content):
             what = "the controllers' source" if name.startswith(SOURCE) else name
-            found.uncompared.extend([what] if what not in found.uncompared else [])
+            validation.uncompared.extend([what] if what not in validation.uncompared else [])
     printed, rounding = _read_results(folder), RoundedNumbers.of(derived.results)
     follows = said_since(printed, derived.results)
-    for replies, into in ((True, found.differences), (False, found.otherwise)):
+    for replies, into in ((True, validation.differences), (False, validation.otherwise)):
         one, other = (
             {name: value for name, value in values.items() if (name == "replies_sha256") == replies}
             for values in (printed, follows)
         )
         into.extend(compare_values(one, other, rounding, _result_name))
-    if found.otherwise:
-        found.uncompared.append(f"{len(found.otherwise)} figures that this eyechart computes differently")
+    if validation.otherwise:
+        validation.uncompared.append(f"{len(validation.otherwise)} figures that this eyechart computes differently")
 
 
 def _read_results(folder: Path) -> dict[str, object]:

@@ -73,15 +73,15 @@ def _first(frames: Sequence[Frame], count: int, rng: random.Random) -> list[bool
 
 def _habits(frames: Sequence[Frame], rng: random.Random) -> list[str]:
     """Return an answer per frame with habits: with chance .9 the previous frame's."""
-    found: list[str] = []
+    habits: list[str] = []
     for place, frame in enumerate(frames):
         again = place and frames[place - 1].episode == frame.episode and rng.random() < 0.9
-        found.append(found[-1] if again else rng.choice(DRIVING.actions))
-    return found
+        habits.append(habits[-1] if again else rng.choice(DRIVING.actions))
+    return habits
 
 
 def _of(marks: Sequence[bool], yes: str, no: str = "SLOW") -> list[str]:
-    return [yes if one else no for one in marks]
+    return [yes if mark else no for mark in marks]
 
 
 def _at_margin(condition: str, share: float, *, most: bool = False) -> Draw:
@@ -307,20 +307,20 @@ def misses(
     early: Mapping[str, Mapping[str, Mapping[str, Sums]]], ever: Sequence[int], replications: int, *, strict: bool
 ) -> list[str]:
     """Return in words every missed target of early stopping."""
-    found = []
+    result = []
     for variant, by in early.get("default", {}).items():
         for name, sums in by.items():
             equal = rate(int(sums["equal"]), int(sums["runs"]))
             if (equal.ci or (0, 0))[1] < EQUAL or (strict and (equal.value or 0.0) < EQUAL):
                 share = f"{equal.value:.3f} of {equal.n} replications"
-                found.append(f"stopped early, {name} has the full battery's verdict in {share}, {variant}")
+                result.append(f"stopped early, {name} has the full battery's verdict in {share}, {variant}")
             saved, _, high = mean_saved(sums)
             wanted = SAVERS.get(name, 0.0) if variant.startswith("with ") else 0.0
             if high < wanted or (strict and saved < wanted):
-                found.append(f"stopping early saves {saved:.3f} of the calls for {name}, wanted {wanted}")
+                result.append(f"stopping early saves {saved:.3f} of the calls for {name}, wanted {wanted}")
     for null, count in zip(NULLS, ever, strict=False):
         low, _ = clopper_pearson(count, DRAWS * replications)
         most = max(EVER, NET_ALPHA) if null.claim.startswith("net_") else EVER
         if low > most or (strict and count > most * DRAWS * replications):
-            found.append(f"early stopping rejects '{null.claim}' under '{null.says}' {count} times")
-    return found
+            result.append(f"early stopping rejects '{null.claim}' under '{null.says}' {count} times")
+    return result

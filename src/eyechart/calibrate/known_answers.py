@@ -31,9 +31,9 @@ class KnownController:
 def by_sight(decide: Decide) -> Choose:
     """Return the choice of a controller that decides by its picture alone, not by time."""
 
-    def choose(shown: SimulatedView, passed: float, rng: random.Random) -> Answer:
+    def choose(view: SimulatedView, passed: float, rng: random.Random) -> Answer:
         del passed
-        return decide(shown.sight, rng)
+        return decide(view.sight, rng)
 
     return choose
 
@@ -46,9 +46,14 @@ def _by_time(passed: float) -> str:
 KNOWN: Mapping[str, KnownController] = {
     **{
         name: KnownController(
-            name, one.says, by_sight(one.decide), one.declared.paper, one.declared.calibrated, one.declared.lateral
+            name,
+            controller.says,
+            by_sight(controller.decide),
+            controller.declared.paper,
+            controller.declared.calibrated,
+            controller.declared.lateral,
         )
-        for name, one in CONTROLLERS.items()
+        for name, controller in CONTROLLERS.items()
     },
     "time": KnownController(
         "time",

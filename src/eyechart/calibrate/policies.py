@@ -21,7 +21,7 @@ from eyechart.stats.risk_bounds import share_bound
 from eyechart.stats.shares import Share
 from eyechart.stats.sign_flip import follow
 from eyechart.stats.statistic import Statistic
-from eyechart.stats.total_effect import Pairs, half_squares, relabelling_p, responding, share_beyond, total_effect
+from eyechart.stats.total_effect import Pairs, permutation_p, responding, share_beyond, squared_distance, total_effect
 from eyechart.verdicts.policy_rules import (
     RESPONDS,
     SURENESS,
@@ -249,10 +249,10 @@ def try_rules(
 
 
 def _batch(setting: PolicySetting, seed: int, start: int, count: int) -> Counter[str]:
-    found: Counter[str] = Counter()
+    result: Counter[str] = Counter()
     for number in range(start, start + count):
-        found.update(labels_of(setting, np.random.default_rng(key_seed("policies", seed, setting.name, number))))
-    return found
+        result.update(labels_of(setting, np.random.default_rng(key_seed("policies", seed, setting.name, number))))
+    return result
 
 
 def labels_of(setting: PolicySetting, rng: np.random.Generator) -> tuple[str, ...]:
@@ -265,7 +265,7 @@ def labels_of(setting: PolicySetting, rng: np.random.Generator) -> tuple[str, ..
     said = _judged(setting, world.statistics())
     labels = tuple(one.label for one in said)
     little = setting.whole and world.share < IGNORED <= setting.share
-    own = tuple(f"{one}{TRUE_OF_THESE}" for one in labels) if little else ()
+    own = tuple(f"{label}{TRUE_OF_THESE}" for label in labels) if little else ()
     return (*labels, *(f"{one.of_data_set}{WHOLE}" for one in said), *own)
 
 
@@ -339,27 +339,27 @@ class _World:
         share, every = wanted["swapped"], list(range(len(self._episode)))
         partner = balanced_partners(self._episode.tolist(), every, seed=int(self._rng.integers(2**32)))
         theirs, real = self._episode[partner], self._answers(picture, share)
-        variation = Pairs(half_squares(real, real[:, partner]), self._episode, theirs)
+        variation = Pairs(squared_distance(real, real[:, partner]), self._episode, theirs)
         channel = "instruction" if one.margin == "instruction" else "cameras"
-        effects, found = dict[str, Pairs](), dict[str, Statistic]()
+        effects, result = dict[str, Pairs](), dict[str, Statistic]()
         for name, changed in wanted.items():
             other = picture[partner] if name == "swapped" else self._latent()
             far = self._far if name == "matched" else np.ones_like(self._far)
             shown = self._changed(picture, other, share, changed * far)
             condition = name if name in _WHOLE else f"{name}@{channel}"
             whose = self._episode if name in _OWN else theirs
-            effects[condition] = Pairs(half_squares(real, shown), self._episode, whose)
-            found[f"T.{condition}"] = self._total((real, shown), effects[condition], variation)
+            effects[condition] = Pairs(squared_distance(real, shown), self._episode, whose)
+            result[f"T.{condition}"] = self._total((real, shown), effects[condition], variation)
         for claim in RESPONDS:
             rests = [effects[condition] for condition in rests_on(claim, channel) if condition in effects]
-            found[f"{claim}@{channel}"] = share_bound(*responding(rests, variation, IGNORED), confidence=SURENESS)
+            result[f"{claim}@{channel}"] = share_bound(*responding(rests, variation, IGNORED), confidence=SURENESS)
         if one.margin == "instruction":
-            return found
+            return result
         if "near" in wanted:
             matched, near = (effects[f"{name}@{channel}"] for name in ("matched", "near"))
-            found[f"beyond@{channel}"] = share_beyond(matched, near, variation)
-        found["T.swapped@state"] = Share(1.0, one.frames, (0.5, 2.0), 0.0, episodes=one.episodes)
-        return found | (self._followed() if one.margin in _CONTENT else {})
+            result[f"beyond@{channel}"] = share_beyond(matched, near, variation)
+        result["T.swapped@state"] = Share(1.0, one.frames, (0.5, 2.0), 0.0, episodes=one.episodes)
+        return result | (self._followed() if one.margin in _CONTENT else {})
 
     def _changed(self, own: Floats, other: Floats, share: float, changed: Floats) -> Floats:
         """Return the motions with ``changed`` of the variance from another picture.
@@ -375,9 +375,9 @@ class _World:
 
     def _total(self, answers: tuple[Floats, Floats], effect: Pairs, variation: Pairs) -> Statistic:
         drawn = self._set.answers > 1
-        found = total_effect(effect, variation, sampled=drawn)
+        statistic = total_effect(effect, variation, sampled=drawn)
         seed = int(self._rng.integers(2**32))
-        return replace(found, p=relabelling_p(*answers, seed=seed, resamples=999) if drawn else None)
+        return replace(statistic, p=permutation_p(*answers, seed=seed, resamples=999) if drawn else None)
 
     def _followed(self) -> dict[str, Statistic]:
         """Return how far moved objects are followed, and how much of it is due to their names."""
@@ -400,18 +400,18 @@ _WHOLE, _OWN = ("blank", "exchanged"), ("blank", "exchanged", "near")
 """Conditions without a channel, and conditions with pictures of the same episode."""
 
 
-def _wanted(one: PolicySetting) -> dict[str, float]:
+def _wanted(setting: PolicySetting) -> dict[str, float]:
     """Return the share of the latent variance that each condition changes."""
-    share = _latent_share(one.share) if one.numbers == "bang-bang" else one.share
-    if one.margin in _CONTENT:
+    share = _latent_share(setting.share) if setting.numbers == "bang-bang" else setting.share
+    if setting.margin in _CONTENT:
         return {"swapped": 0.40, "matched": 0.40, "blank": 0.40}
-    if one.margin == "instruction":
+    if setting.margin == "instruction":
         return {"swapped": share}
-    if one.margin in {"beyond", "exchanged"}:
-        more, colours = (share, 0.0) if one.margin == "beyond" else (0.0, share)
+    if setting.margin in {"beyond", "exchanged"}:
+        more, colours = (share, 0.0) if setting.margin == "beyond" else (0.0, share)
         return {"swapped": 0.40, "matched": 0.20, "near": 0.20 - more, "blank": 0.40, "exchanged": colours}
     none = {"swapped": 0.0, "matched": 0.0, "blank": 0.0}
-    return {**none, **({"swapped": 0.40} if one.margin == "matched" else {}), _CONDITIONS[one.margin]: share}
+    return {**none, **({"swapped": 0.40} if setting.margin == "matched" else {}), _CONDITIONS[setting.margin]: share}
 
 
 _CONDITIONS = {"swap": "swapped", "matched": "matched", "blank": "blank"}

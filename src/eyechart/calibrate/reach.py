@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from eyechart.calibrate import policies
 from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, channels_of, own_pictures, partners
-from eyechart.conditions import EXCHANGED, OVER, available, by_reason
+from eyechart.conditions import EXCHANGED, OVER, by_reason, is_available
 from eyechart.conditions.policies import conditions_of, subset_conditions
 from eyechart.frames import FrameBank
 from eyechart.importing.log_warnings import notes
@@ -44,7 +44,7 @@ class PolicyReach:
         conditions, left_out = conditions_of(bank)
         further = dict.fromkeys(name for name in subset_conditions(bank).values() if name not in conditions)
         calls, more = (
-            sum(available(one, frame, bank) for one in many for frame in bank) for many in (conditions, further)
+            sum(is_available(one, frame, bank) for one in many for frame in bank) for many in (conditions, further)
         )
         episodes = len({frame.drive for frame in bank})
         power = policies.power(episodes, len(bank), calls, left_out, matched=matched_of(bank))
@@ -99,10 +99,10 @@ def matched_of(bank: FrameBank) -> tuple[int, int]:
 
 def unreachable(bank: FrameBank) -> dict[str, str]:
     """Return the labels that no policy can get on a bank, with why; "LABEL of camera:NAME"."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for label, why in (*_of_episodes(bank), *_of_cameras(bank), *_of_the_rest(bank)):
-        found.setdefault(label, why)
-    return found
+        result.setdefault(label, why)
+    return result
 
 
 def reachable(bank: FrameBank) -> tuple[str, ...]:

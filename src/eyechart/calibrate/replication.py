@@ -23,7 +23,7 @@ from eyechart.calibrate.known_answers import (
     deserved,
     is_false,
 )
-from eyechart.calibrate.tally import AdversaryTrial, Calibration, ReplicationOutcome, RuleOutcome, called, tally
+from eyechart.calibrate.tally import AdversaryTrial, Calibration, ReplicationOutcome, RuleOutcome, label_counts, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
 from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
@@ -35,7 +35,7 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.resamples import holm
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.calibrated_statistics import COUNTERFACTUAL_TESTS, CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.paper_statistics import Resampling
@@ -44,7 +44,7 @@ from eyechart.studies.battery.scores import statistics_of
 RESAMPLES = 999
 """Resamples of each permutation test; its level does not depend on their number."""
 
-DRAWN = frozenset(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
+DRAWN = frozenset(name for name, condition in CONDITIONS.items() if "counterfactual" in condition.needs)
 """The conditions that a bank without counterfactual pictures lacks."""
 
 Progress = Callable[[int, int], None]
@@ -95,8 +95,8 @@ def calibrate(
     outcomes = [(task.setting, made[task].outcomes) for task in tasks]
     counted = tally(outcomes, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
     ever = zip(*(made[task].rejected for task in tasks if made[task].rejected), strict=True)
-    tried = (one for task in tasks for one in made[task].tried)
-    return replace(counted, ever=tuple(map(sum, ever)), adversaries=called(tried))
+    tried = (trial for task in tasks for trial in made[task].tried)
+    return replace(counted, ever=tuple(map(sum, ever)), adversaries=label_counts(tried))
 
 
 def _make(
@@ -107,18 +107,18 @@ def _make(
     progress: Progress | None,
 ) -> dict[Task, ReplicationResult]:
     """Return the known results of tasks and those made now, which are appended to ``keep``."""
-    found, todo = dict(known), [task for task in tasks if task not in known]
+    result, todo = dict(known), [task for task in tasks if task not in known]
     with ExitStack() as opened:
         file = None if keep is None else opened.enter_context(keep.open("ab"))
         made_now = zip(todo, opened.enter_context(_mapped(todo, processes)), strict=True)
         for done, (task, made) in enumerate(made_now, len(tasks) - len(todo) + 1):
-            found[task] = made
+            result[task] = made
             if file is not None:
                 file.write(_JSON.encode((task, made)) + b"\n")
                 file.flush()
             if progress is not None:
                 progress(done, len(tasks))
-    return found
+    return result
 
 
 _JSON = msgspec.json.Encoder()
@@ -172,9 +172,9 @@ def try_adversaries(task: Task) -> list[AdversaryTrial]:
     key = ("calibrate", task.seed, task.setting, task.replication)
     world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
     how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
-    found = []
-    for name, one in adversaries().items():
-        known = KnownController(name, one.says, by_sight(one.decide), "", "", "")
+    result = []
+    for name, adversary in adversaries().items():
+        known = KnownController(name, adversary.says, by_sight(adversary.decide), "", "", "")
         rng = random.Random(key_seed(*key, name))  # noqa: S311 - no secret
         answers = answers_of(known, SETTINGS[task.setting], world, rng)
         asked = staged(answers, how)
@@ -182,21 +182,21 @@ def try_adversaries(task: Task) -> list[AdversaryTrial]:
         lateral = verdicts.lateral_rules(statistics, asked.directions())
         turns = verdicts.earns_lateral(statistics, lateral.label)
         label = verdicts.calibrated_rules(statistics, turns=turns)[0].label
-        found.append(AdversaryTrial(name, label, lateral.label))
-    return found
+        result.append(AdversaryTrial(name, label, lateral.label))
+    return result
 
 
 def staged(answers: Answers, how: Resampling) -> Answers:
     """Return the answers that a run would ask for: controls only where they could matter."""
-    asked = [name for name in answers.decisions if name not in CONTROLS]
+    decisions = [name for name in answers.decisions if name not in CONTROLS]
     answers = sampled(answers, how.seed)
     while True:
-        part = replace(answers, decisions={name: answers.decisions[name] for name in asked})
-        found = CalibratedStatistics(CalibratedTests(part, how))
-        more = verdicts.controls_wanted(found, supplied=CONTROLS, asked=asked)
+        part = replace(answers, decisions={name: answers.decisions[name] for name in decisions})
+        calibratedstatistics = CalibratedStatistics(CalibratedTests(part, how))
+        more = verdicts.controls_wanted(calibratedstatistics, supplied=CONTROLS, asked=decisions)
         if not more:
             return part
-        asked += [name for name in more if name in answers.decisions]
+        decisions += [name for name in more if name in answers.decisions]
 
 
 def replicate(task: Task) -> list[ReplicationOutcome]:
@@ -234,13 +234,13 @@ def answers_of(known: KnownController, setting: Setting, world: World, rng: rand
     return Answers(known.name, world.frames, DRIVING, gap, decisions)
 
 
-def without_counterfactuals(answers: Answers, found: Mapping[str, Statistic]) -> dict[str, Statistic]:
+def without_counterfactuals(answers: Answers, statistics: Mapping[str, Statistic]) -> dict[str, Statistic]:
     """Return the statistics of the same answers on a bank without counterfactual pictures."""
     kept = {name: column for name, column in answers.decisions.items() if name not in DRAWN}
-    missing = cannot_say("the bank has no counterfactual pictures")
+    missing = not_available("the bank has no counterfactual pictures")
     bare = CalibratedTests(replace(answers, decisions=kept), Resampling()).tests()
     of_all = {name: bare[name]() for name in ("kappa_pooled", "turns_boxed")}
-    return {**found, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), **of_all}
+    return {**statistics, **dict.fromkeys(COUNTERFACTUAL_TESTS, missing), **of_all}
 
 
 def _outcome(
@@ -282,5 +282,5 @@ def _varied(answers: Answers, *, counterfactuals: bool) -> bool:
     """Return whether a controller gave more than one answer over all conditions of a bank."""
     first = answers.responses("real")[0]
     drawn = (*COUNTERFACTUALS, *CONTROLS)
-    shown = [name for name in answers.decisions if counterfactuals or name not in drawn]
-    return any(bool(((given != first) & (given != ABSENT)).any()) for given in map(answers.responses, shown))
+    decisions = [name for name in answers.decisions if counterfactuals or name not in drawn]
+    return any(bool(((given != first) & (given != ABSENT)).any()) for given in map(answers.responses, decisions))

@@ -54,25 +54,31 @@ def _with_interval(one: Statistic) -> str:
 def _confusion(
     title: str, counts: Mapping[str, Mapping[str, int]], deserve: Mapping[str, str], labels: Sequence[str], n: int
 ) -> str:
-    given = [label for label in labels if any(label in one for one in counts.values()) or label in deserve.values()]
+    given = [label for label in labels if any(label in count for count in counts.values()) or label in deserve.values()]
     rows = [
-        (name, deserve[name], *(f"{one[label] / n:.3f}" if label in one else "" for label in given))
-        for name, one in counts.items()
+        (name, deserve[name], *(f"{count[label] / n:.3f}" if label in count else "" for label in given))
+        for name, count in counts.items()
     ]
     return _table(title, ("controller", "deserves", *given), rows)
 
 
-def _right(found: Calibration, variant: str) -> str:
-    rows = [(name, *(number(found.right(setting, variant, name)) for setting in found.settings)) for name in KNOWN]
-    undecided = ("undecided, of all", *(number(found.undecided(setting, variant)) for setting in found.settings))
-    return _table(f"Share of right labels, {variant}", ("controller", *found.settings), [*rows, undecided])
+def _right(calibration: Calibration, variant: str) -> str:
+    rows = [
+        (name, *(number(calibration.right(setting, variant, name)) for setting in calibration.settings))
+        for name in KNOWN
+    ]
+    undecided = (
+        "undecided, of all",
+        *(number(calibration.undecided(setting, variant)) for setting in calibration.settings),
+    )
+    return _table(f"Share of right labels, {variant}", ("controller", *calibration.settings), [*rows, undecided])
 
 
-def _false_claims(found: Calibration) -> str:
+def _false_claims(calibration: Calibration) -> str:
     rows = []
-    for setting in found.settings:
+    for setting in calibration.settings:
         for variant in VARIANTS:
-            each = [found.false_claims(claim, setting, variant) for claim in CLAIMS]
+            each = [calibration.false_claims(claim, setting, variant) for claim in CLAIMS]
             cells = [
                 f"{one.pooled.value:.4f} of {one.pooled.n}"
                 + (f" ({one.worst} {one.worst_rate.value:.3f})" if one.worst_rate.value else "")
@@ -83,14 +89,14 @@ def _false_claims(found: Calibration) -> str:
     return _table(title, ("setting", "counterfactuals", *CLAIMS), rows)
 
 
-def _type_one(found: Calibration) -> str:
+def _type_one(calibration: Calibration) -> str:
     """Return how often each test rejected a true null: by default, over all, and at most."""
     rows = []
     for test, (alpha, names) in NULLS.items():
-        each = {setting: found.type_one(setting, test) for setting in found.settings}
+        each = {setting: calibration.type_one(setting, test) for setting in calibration.settings}
         made = {setting: one for setting, one in each.items() if one.value is not None}
-        counts = [found.tests[setting][test][name] for setting in found.settings for name in names]
-        over_all = rate(sum(one[1] for one in counts), sum(one[0] for one in counts))
+        counts = [calibration.tests[setting][test][name] for setting in calibration.settings for name in names]
+        over_all = rate(sum(count[1] for count in counts), sum(count[0] for count in counts))
         worst = max(made, key=lambda setting: made[setting].value or 0.0, default="")
         first = made.get("default")
         rows.append(
@@ -106,23 +112,23 @@ def _type_one(found: Calibration) -> str:
     return _table(title, ("test", "alpha", "default", "all settings", "most in"), rows)
 
 
-def _power(found: Calibration) -> str:
+def _power(calibration: Calibration) -> str:
     """Return the share of right labels by the number of frames."""
-    sizes = [name for name in POWER if name in found.settings]
+    sizes = [name for name in POWER if name in calibration.settings]
     if len(sizes) < 2:
         return ""
     head = [f"{one.scenarios * one.episodes * one.frames} frames" for one in map(SETTINGS.__getitem__, sizes)]
 
     def cell(name: str) -> Callable[[str], str]:
-        return lambda setting: " / ".join(number(found.right(setting, variant, name)) for variant in VARIANTS)
+        return lambda setting: " / ".join(number(calibration.right(setting, variant, name)) for variant in VARIANTS)
 
     rows = [(name, *map(cell(name), sizes)) for name in KNOWN]
     return _table("Power: share of right labels against n, with / without counterfactuals", ("controller", *head), rows)
 
 
-def _stopped(found: Calibration, variant: str) -> str:
+def _stopped(calibration: Calibration, variant: str) -> str:
     """Return the effect of early stopping on each controller in the default setting."""
-    by = found.early.get("default", {}).get(variant, {})
+    by = calibration.early.get("default", {}).get(variant, {})
     rows = []
     for name, sums in by.items():
         mean, low, high = mean_saved(sums)
@@ -133,10 +139,10 @@ def _stopped(found: Calibration, variant: str) -> str:
     return _table(f"Stopping early, setting default, {variant}: share of runs", head, rows) if rows else ""
 
 
-def _stopped_elsewhere(found: Calibration) -> str:
+def _stopped_elsewhere(calibration: Calibration) -> str:
     """Return the same for the other settings, in brief."""
     rows = []
-    for setting, variants in found.early.items():
+    for setting, variants in calibration.early.items():
         for variant, by in variants.items():
             worst = min(by, key=lambda name: by[name]["equal"])
             saved = (f"{mean_saved(by[name])[0]:.3f}" for name in SAVERS)
@@ -148,21 +154,21 @@ def _stopped_elsewhere(found: Calibration) -> str:
     return _table("Stopping early: mean share of calls saved", head, rows) if rows else ""
 
 
-def _ever(found: Calibration) -> str:
+def _ever(calibration: Calibration) -> str:
     """Return how often each null of early stopping was ever rejected."""
     rows = []
-    n = early_stops.DRAWS * found.replications
-    for null, count in zip(early_stops.NULLS, found.ever, strict=False):
+    n = early_stops.DRAWS * calibration.replications
+    for null, count in zip(early_stops.NULLS, calibration.ever, strict=False):
         low, high = clopper_pearson(count, n)
         rows.append((null.claim, null.says, f"{count / n:.4f} [{low:.4f}, {high:.4f}] of {n}"))
     title = "Stopping early: share of whole runs in which a true null is ever rejected, with Clopper-Pearson's interval"
     return _table(title, ("claim", "its null", "ever rejected"), rows) if rows else ""
 
 
-def _adversaries(found: Calibration) -> str:
+def _adversaries(calibration: Calibration) -> str:
     """Return each adversary's labels, and how often they were false."""
     rows = []
-    for name, counts in found.adversaries.items():
+    for name, counts in calibration.adversaries.items():
         one, n = adversaries()[name], sum(counts.values())
         said = ", ".join(f"{label} {count / n:.3f}" for label, count in sorted(counts.items(), key=lambda at: -at[1]))
         false = sum(count for label, count in counts.items() if one.is_false(*label.split("/")))
@@ -171,12 +177,12 @@ def _adversaries(found: Calibration) -> str:
     return _table(title, ("adversary", "what it does", "deserves", "is called", "untrue"), rows) if rows else ""
 
 
-def _targets(found: Calibration) -> str:
+def _targets(calibration: Calibration) -> str:
     wanted = ", ".join(f"false {claim} {variant} at most {most}" for (claim, variant), most in FALSE.items())
     says = f"Targets: right at least .95 with counterfactuals for {', '.join(WANTED)}; {wanted}."
-    if found.early:
+    if calibration.early:
         least = ", ".join(f"{share} for {name}" for name, share in SAVERS.items())
         says += f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls"
         says += f" saved with counterfactuals at least {least}, no null rejected above {early_stops.EVER}."
-    misses = found.misses()
+    misses = calibration.misses()
     return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])

@@ -11,7 +11,7 @@ from eyechart.calibrate.early_stops import EarlyStopOutcome, Sums
 from eyechart.calibrate.known_answers import KNOWN, NULLS, adversaries, is_false
 from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.statistic import Statistic
 
@@ -152,7 +152,7 @@ class Calibration:
     def undecided(self, setting: str, variant: str) -> Statistic:
         """Return the share of ``undecided`` among all verdicts of a setting."""
         counts = self.labels[setting][variant].values()
-        return rate(sum(one.get("undecided", 0) for one in counts), self.replications * len(counts))
+        return rate(sum(count.get("undecided", 0) for count in counts), self.replications * len(counts))
 
     def false_claims(self, claim: str, setting: str, variant: str) -> FalseClaims:
         """Return how often a claim was false."""
@@ -183,12 +183,12 @@ class Calibration:
 
     def fooled(self, claim: str) -> dict[str, Statistic]:
         """Return the rate of a false claim for each adversary that it could wrong."""
-        found = {}
+        result = {}
         for name, counts in self.adversaries.items():
             false = {called: claim in adversaries()[name].is_false(*called.split("/")) for called in counts}
             if adversaries()[name].may_be_wronged(claim):
-                found[name] = rate(sum(counts[called] for called in counts if false[called]), sum(counts.values()))
-        return found
+                result[name] = rate(sum(counts[called] for called in counts if false[called]), sum(counts.values()))
+        return result
 
     def missed_readers(self) -> dict[str, Statistic]:
         """Return how often each adversary that reads the lead's distance got such a label."""
@@ -247,19 +247,19 @@ class Calibration:
                     most = f"wanted at most {wanted} and two standard errors"
                     found.append(f"adversary {name} gets {claim} {wrong} of {n} times, {most}")
         return found + [
-            f"{name} reads the distance and gets that label in {one.value:.3f} of {one.n} cases, wanted {RIGHT}"
-            for name, one in self.missed_readers().items()
-            if one.ci is not None and one.ci[1] < RIGHT
+            f"{name} reads the distance and gets that label in {reader.value:.3f} of {reader.n} cases, wanted {RIGHT}"
+            for name, reader in self.missed_readers().items()
+            if reader.ci is not None and reader.ci[1] < RIGHT
         ]
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values: the counts, and the results from them."""
         return {
             "format": FORMAT,
-            **picked(self, "replications seed resamples"),
+            **to_json_fields(self, "replications seed resamples"),
             "settings": {name: SETTINGS[name].says for name in self.settings},
-            "controllers": {name: picked(one, "says calibrated paper") for name, one in KNOWN.items()},
-            **picked(self, "labels paper lateral rights falses"),
+            "controllers": {name: to_json_fields(one, "says calibrated paper") for name, one in KNOWN.items()},
+            **to_json_fields(self, "labels paper lateral rights falses"),
             "right": {
                 setting: {
                     variant: {name: _plain(self.right(setting, variant, name)) for name in KNOWN}
@@ -273,10 +273,10 @@ class Calibration:
             },
             "false_claims": [
                 {
-                    **picked(one, "claim setting variant"),
+                    **to_json_fields(one, "claim setting variant"),
                     **_plain(one.pooled),
                     "worst": {"controller": one.worst, **_plain(one.worst_rate)},
-                    **picked(one, "wanted holds"),
+                    **to_json_fields(one, "wanted holds"),
                 }
                 for one in self.every_false_claim()
             ],
@@ -284,7 +284,7 @@ class Calibration:
                 setting: {test: {"alpha": NULLS[test][0], **_plain(self.type_one(setting, test))} for test in NULLS}
                 for setting in self.settings
             },
-            **picked(self, "tests early ever"),
+            **to_json_fields(self, "tests early ever"),
             "adversaries": {
                 name: {"says": adversaries()[name].says, "deserves": adversaries()[name].deserves, "called": counts}
                 for name, counts in self.adversaries.items()
@@ -309,11 +309,11 @@ def read_calibration(raw: Mapping[str, Any]) -> Calibration:
     return Calibration(settings=tuple(raw["settings"]), tests=tests, **counts)
 
 
-def called(tried: Iterable[AdversaryTrial]) -> dict[str, dict[str, int]]:
+def label_counts(tried: Iterable[AdversaryTrial]) -> dict[str, dict[str, int]]:
     """Return the counts of each adversary's labels."""
     found: dict[str, Counter[str]] = {}
-    for one in tried:
-        found.setdefault(one.adversary, Counter())[f"{one.label}/{one.lateral}"] += 1
+    for trial in tried:
+        found.setdefault(trial.adversary, Counter())[f"{trial.label}/{trial.lateral}"] += 1
     return {name: dict(sorted(counts.items())) for name, counts in found.items()}
 
 
@@ -336,8 +336,8 @@ def tally(
     """Count the outcomes of every setting, in any order."""
     by: dict[str, dict[str, list[ReplicationOutcome]]] = {s: {name: [] for name in KNOWN} for s in settings}
     for setting, outcomes in found:
-        for one in outcomes:
-            by[setting][one.controller].append(one)
+        for outcome in outcomes:
+            by[setting][outcome.controller].append(outcome)
 
     def each(says: Callable[[ReplicationOutcome], str]) -> dict[str, dict[str, dict[str, int]]]:
         return {s: {name: _counts(map(says, ones)) for name, ones in of.items()} for s, of in by.items()}
@@ -373,7 +373,7 @@ def tally(
 def _labels(
     outcomes: Sequence[ReplicationOutcome], variant: str, keep: Callable[[RuleOutcome], bool]
 ) -> dict[str, int]:
-    ruled = (one.rulings[VARIANTS.index(variant)] for one in outcomes)
+    ruled = (outcome.rulings[VARIANTS.index(variant)] for outcome in outcomes)
     return _counts(one.label for one in ruled if keep(one))
 
 
@@ -383,16 +383,16 @@ def _counts(words: Iterable[str]) -> dict[str, int]:
 
 def _rejected(outcomes: Sequence[ReplicationOutcome], test: str) -> tuple[int, int]:
     """Return how often a test was made, and how often it rejected."""
-    ps = [p for one in outcomes if (p := one.p_values.get(test)) is not None]
+    ps = [p for outcome in outcomes if (p := outcome.p_values.get(test)) is not None]
     return len(ps), sum(p < NULLS[test][0] for p in ps)
 
 
 def _stops(by: Mapping[str, Sequence[ReplicationOutcome]]) -> dict[str, dict[str, Sums]]:
     """Return the effects of early stopping by variant and controller, where measured."""
-    found: dict[str, dict[str, Sums]] = {}
+    stops: dict[str, dict[str, Sums]] = {}
     for name, outcomes in by.items():
-        for one in outcomes:
-            for variant, stop in zip(VARIANTS, one.early, strict=False):
-                sums = found.setdefault(variant, {})
+        for outcome in outcomes:
+            for variant, stop in zip(VARIANTS, outcome.early, strict=False):
+                sums = stops.setdefault(variant, {})
                 sums[name] = stopping.add(sums.get(name, stopping.EMPTY), stop)
-    return found
+    return stops

@@ -73,8 +73,8 @@ class Setting:
 
 
 SETTINGS: Mapping[str, Setting] = {
-    one.name: one
-    for one in (
+    setting.name: setting
+    for setting in (
         Setting("default", "4 scenarios, 12 episodes of 12 frames"),
         Setting("unequal", "1 to 3 episodes of unequal length (8 to 40 frames)", episodes=0, exchanges=False),
         Setting("short_48", "48 episodes of 3 frames", episodes=12, frames=3),
@@ -170,7 +170,7 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
             readings.append(HighwayReading(scene, "green", road.lanes, lane, others, float(phases[step]), road.ramp))
     shown = _shown(frames, passed, readings, rng)
     if setting.lowest:
-        shown["lead_near"] = _on_road([_moved(one, NEAREST_M) for one in readings], passed)
+        shown["lead_near"] = _on_road([_moved(reading, NEAREST_M) for reading in readings], passed)
     frames, more = _ranged(frames, shown, readings, anew)
     shown |= {name: _on_road(column, passed) for name, column in more.items()}
     filed = {name: _filed(name, column, frames) for name, column in shown.items()}
@@ -196,14 +196,14 @@ def _filed(
 ) -> tuple[SimulatedView | None, ...]:
     """Return the content with stand-ins for files: one per picture, one for all blank ones."""
 
-    def file(shown: SimulatedView, frame: Frame) -> bytes:
-        if shown.sight.kind in {"uniform", "no_picture"}:
-            return shown.sight.kind.encode()
+    def file(view: SimulatedView, frame: Frame) -> bytes:
+        if view.sight.kind in {"uniform", "no_picture"}:
+            return view.sight.kind.encode()
         return f"{frame.id}/{name}".encode()
 
     return tuple(
-        None if one is None else replace(one, sight=replace(one.sight, file=one.sight.file or file(one, frame)))
-        for one, frame in zip(column, frames, strict=True)
+        None if view is None else replace(view, sight=replace(view.sight, file=view.sight.file or file(view, frame)))
+        for view, frame in zip(column, frames, strict=True)
     )
 
 
@@ -235,28 +235,28 @@ def _ranged(
 
 
 def _at(
-    one: HighwayReading, lead_m: float, exchange_m: float, rng: np.random.Generator
+    reading: HighwayReading, lead_m: float, exchange_m: float, rng: np.random.Generator
 ) -> dict[str, HighwayReading | None]:
     """Return the control pictures of a frame with a lead, at its two distances of the range."""
-    beside = [other for other in one.others if other.aside_m] or [
+    beside = [other for other in reading.others if other.aside_m] or [
         OtherVehicle(FAR_M[1], float(rng.choice([-LANE_M, LANE_M])))
     ]
     other, far, its_far = beside[int(rng.integers(len(beside)))], rng.uniform(*FAR_M), rng.uniform(*FAR_M)
-    alone, own = _moved(one, lead_m), _exchanged(one, other, exchange_m, its_far)
+    alone, own = _moved(reading, lead_m), _exchanged(reading, other, exchange_m, its_far)
     return {
         "lead_drawn": alone,
         "lead_drawn_nudged": alone,
         "exchange_own": own,
         "exchange_own_nudged": own,
-        "exchange_beside": _exchanged(one, other, far, math.sqrt(exchange_m**2 - LANE_M**2)),
-        "exchange_apart": _exchanged(one, other, far, its_far),
+        "exchange_beside": _exchanged(reading, other, far, math.sqrt(exchange_m**2 - LANE_M**2)),
+        "exchange_apart": _exchanged(reading, other, far, its_far),
     }
 
 
 def _gaps_shown(column: Sequence[SimulatedView | None]) -> list[float | None]:
     """Return the gap in each picture of a road; None without a lead or road."""
-    readings = [None if one is None else one.sight.reading for one in column]
-    return [None if one is None else one.scene.gap_m for one in readings]
+    readings = [None if view is None else view.sight.reading for view in column]
+    return [None if reading is None else reading.scene.gap_m for reading in readings]
 
 
 def _on_road(readings: Sequence[HighwayReading | None], passed: Sequence[float]) -> tuple[SimulatedView | None, ...]:
@@ -296,8 +296,8 @@ def _shown(
 ) -> dict[str, tuple[SimulatedView | None, ...]]:
     """Return each condition's content, without conditions that the bank cannot supply."""
     roads = [
-        SimulatedView(PerceivedPicture("road", one, f"{frame.id}/real".encode()), time)
-        for frame, one, time in zip(frames, readings, passed, strict=True)
+        SimulatedView(PerceivedPicture("road", reading, f"{frame.id}/real".encode()), time)
+        for frame, reading, time in zip(frames, readings, passed, strict=True)
     ]
 
     def all_of(sight: PerceivedPicture) -> tuple[SimulatedView, ...]:
@@ -310,15 +310,15 @@ def _shown(
         "blank": all_of(UNIFORM),
         "noise": all_of(NOISE),
         "text_only": all_of(NO_PICTURE),
-        "mirrored": _on_road([one.mirrored() for one in readings], passed),
+        "mirrored": _on_road([reading.mirrored() for reading in readings], passed),
         "shuffled": tuple(roads[place] for place in _partners(scenarios, rng, same=True)),
-        "lead_near": _on_road([_moved(one, rng.uniform(*NEAR_M)) for one in readings], passed),
-        "lead_far": _on_road([_moved(one, rng.uniform(*FAR_M)) for one in readings], passed),
-        "recoloured": _on_road([replace(one, ego_colour="red") for one in readings], passed),
+        "lead_near": _on_road([_moved(reading, rng.uniform(*NEAR_M)) for reading in readings], passed),
+        "lead_far": _on_road([_moved(reading, rng.uniform(*FAR_M)) for reading in readings], passed),
+        "recoloured": _on_road([replace(reading, ego_colour="red") for reading in readings], passed),
     }
     if len(set(scenarios.tolist())) > 1:
         shown["cross_scenario"] = tuple(roads[place] for place in _partners(scenarios, rng, same=False))
-    without = [None if one.scene.gap_m is None else _moved(one, None) for one in readings]
+    without = [None if reading.scene.gap_m is None else _moved(reading, None) for reading in readings]
     return shown | {ABSENT: _on_road(without, passed), "nudged": _on_road(readings, passed)}
 
 
@@ -337,11 +337,11 @@ def _exchanged(reading: HighwayReading, moved: OtherVehicle, lead_m: float, besi
 def _partners(scenarios: NDArray[np.str_], rng: np.random.Generator, *, same: bool) -> list[int]:
     """Return for each frame the index of another one in its scenario, or in another scenario."""
     places = np.arange(len(scenarios))
-    found = []
+    partners = []
     for place, scenario in enumerate(scenarios):
         others = places[((scenarios == scenario) == same) & (places != place)]
-        found.append(int(others[rng.integers(len(others))]))
-    return found
+        partners.append(int(others[rng.integers(len(others))]))
+    return partners
 
 
 def _moved(reading: HighwayReading, gap_m: float | None) -> HighwayReading | None:

@@ -9,7 +9,7 @@ from eyechart.cli import answers, bundle, demo, drive, frames, guardian, look, p
 from eyechart.cli.help import Command, CommandGroup, Commands
 from eyechart.cli.options import Json, from_one_folder
 from eyechart.cli.terminal import output_kept, print_json, print_line
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, did_you_mean
 
 if TYPE_CHECKING:
     from eyechart.modes import RequestMode
@@ -58,7 +58,7 @@ def modes(
 
     known = known_modes()
     if name is not None and name not in known:
-        raise SpecError(f"no request mode '{name}';{meant(name, known)} see 'eyechart list modes'")
+        raise SpecError(f"no request mode '{name}';{did_you_mean(name, known)} see 'eyechart list modes'")
     if json:
         print_json({one: mode.as_dict() for one, mode in known.items() if name in (None, one)})
     elif name is not None:
@@ -100,7 +100,9 @@ def prompts(json: Json = False) -> None:
     """List the prompt formulations with their key and wording."""
     from eyechart.prompts import PROMPTS
 
-    wording = {name: f"{one.key}  {' '.join(f'{one.system} {one.user}'.split())}" for name, one in PROMPTS.items()}
+    wording = {
+        name: f"{prompt.key}  {' '.join(f'{prompt.system} {prompt.user}'.split())}" for name, prompt in PROMPTS.items()
+    }
     _show(wording, json=json)
 
 

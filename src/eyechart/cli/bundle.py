@@ -48,8 +48,8 @@ def report(
     if listed and (given := [name for name, value in of_runs.items() if value]):
         raise SpecError(f"an index of runs does not take {', '.join(given)}: give the runs themselves")
     studies = [] if listed else [study_of(run, "report" if against is None else "report --against") for run in runs]
-    if len({one.runs_are for one in studies}) > 1:
-        told = ", ".join(f"{run} of {one.runs_are}" for run, one in zip(runs, studies, strict=True))
+    if len({study.runs_are for study in studies}) > 1:
+        told = ", ".join(f"{run} of {study.runs_are}" for run, study in zip(runs, studies, strict=True))
         raise SpecError(f"a report needs runs of one kind ({told}): make one report for each kind")
     priced = None if prices is None else read_prices(prices)
     reading = ReadOptions(independent, reread, against, steps=read_steps(step, studies), prices=priced)
@@ -101,7 +101,7 @@ def paper(
     from eyechart.studies import ReadOptions
     from eyechart.studies.prompts import may_be_study
 
-    several = {one for one in runs if holds_runs(one) and not may_be_study(one)}
+    several = {run for run in runs if holds_runs(run) and not may_be_study(run)}
     runs = [run for one in runs for run in (find_runs(one) if one in several else [one])]
     with patience("paper") as tell:
         reading = ReadOptions(independent, reread, against)
@@ -183,8 +183,8 @@ def validate(
     if json:
         print_json(found.as_dict())
     else:
-        for one in found.differences[:_SHOWN]:
-            print_line(f"differs: {one}")
+        for difference in found.differences[:_SHOWN]:
+            print_line(f"differs: {difference}")
         if len(found.differences) > _SHOWN:
             print_line(f"and {len(found.differences) - _SHOWN} more differences (--json prints all)")
         for one in found.otherwise[:_SHOWN]:

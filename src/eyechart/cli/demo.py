@@ -54,9 +54,9 @@ def demo(
     if vlm:
         from eyechart.models.huggingface.organisms import ORGANISMS
 
-        declared = {f"hf:organism:{name}": one.calibrated for name, one in ORGANISMS.items()}
+        declared = {f"hf:organism:{name}": organism.calibrated for name, organism in ORGANISMS.items()}
     else:
-        declared = {f"scripted:{name}": one.declared.calibrated for name, one in CONTROLLERS.items()}
+        declared = {f"scripted:{name}": controller.declared.calibrated for name, controller in CONTROLLERS.items()}
     # the checkpoint itself says whether it samples its answers
     asked = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else RequestMode(spec) for spec in declared]
     open_model(asked[0].spec, asked[0])  # names a missing package before a bank is built
@@ -75,9 +75,9 @@ def demo(
         for name, one in ORGANISMS.items():
             print_line(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")
     else:
-        found = {spec: (one.answer, one.calibrated.label, _why(one)) for spec, one in verdicts.items()}
-        _explained(found, {f"scripted:{name}": one.says for name, one in CONTROLLERS.items()})
-    wrong = [spec for spec, one in verdicts.items() if one.calibrated.label != declared[spec]]
+        found = {spec: (verdict.answer, verdict.calibrated.label, _why(verdict)) for spec, verdict in verdicts.items()}
+        _explained(found, {f"scripted:{name}": controller.says for name, controller in CONTROLLERS.items()})
+    wrong = [spec for spec, verdict in verdicts.items() if verdict.calibrated.label != declared[spec]]
     for spec in wrong:
         print_line(f"not as declared: {spec} declares {declared[spec]}")
     who = "organisms were trained for" if vlm else "controllers declared"
@@ -90,10 +90,10 @@ def demo(
         raise typer.Exit(1)
 
 
-def _why(one: "Verdict") -> str:
+def _why(verdict: "Verdict") -> str:
     """Return a controller's permitted use, and why."""
-    reason = one.calibrated.reason
-    return f"{one.trust} {reason[:1].upper()}{reason[1:]}."
+    reason = verdict.calibrated.reason
+    return f"{verdict.trust} {reason[:1].upper()}{reason[1:]}."
 
 
 _SHOWN = ("No", "In part", "Yes")
@@ -133,8 +133,8 @@ def _demo_policies(out: Path, seed: int) -> None:
         _, found = study.make(out, seed, lambda preset: bars.enter_context(progress(preset, "calls")))
     verdicts = {spec: one.verdict for spec, one in found.items()}
     said = {
-        spec: (one.answer, one.camera.label, one.because if one.guards else one.camera.because)
-        for spec, one in verdicts.items()
+        spec: (verdict.answer, verdict.camera.label, verdict.because if verdict.guards else verdict.camera.because)
+        for spec, verdict in verdicts.items()
     }
     _explained(said, {spec: one.says for spec, one in found.items()})
     print_each(f"not as trained: {spec}: {words}" for spec, one in found.items() for words in one.wrong)
@@ -201,6 +201,6 @@ def _calibrate_policies(draws: int, seed: int, processes: int, chosen: list[str]
 
     with progress("settings", "settings") as move:
         tried = list(simulated.try_rules(draws, seed=seed, processes=processes, chosen=chosen, progress=move))
-    print_json([one.as_dict() for one in tried]) if json else print_each([simulated.table(tried)], 200)
-    if any(one.missed for one in tried):
+    print_json([rule.as_dict() for rule in tried]) if json else print_each([simulated.table(tried)], 200)
+    if any(rule.missed for rule in tried):
         raise typer.Exit(1)

@@ -256,8 +256,8 @@ def ladder(
         require_reference(made, against)  # before any call or drive
         return made
 
-    def show(made: "EpisodesRun") -> None:
-        if made.unfinished():
+    def show(run: "EpisodesRun") -> None:
+        if run.unfinished():
             return
         scored = score(out, against_policy=against)
         if not json:
@@ -265,7 +265,7 @@ def ladder(
             return
         parts = ("study", "references", "references_chosen_on_these_data", "ladder", "paired", "identical")
         kept = {name: one for name, one in scored.as_dict().items() if name in parts}
-        print_json({**kept, "beside_paper": [one.as_dict() for one in beside_paper(scored.ladder)]})
+        print_json({**kept, "beside_paper": [comparison.as_dict() for comparison in beside_paper(scored.ladder)]})
 
     allowed = making.allowed(out, processes=processes)
     _drive(policy or (), mode, making.how, allowed, out, planned, alone=False, show=show)
@@ -356,7 +356,9 @@ def _drive(
     from eyechart.policies import is_policy
     from eyechart.studies.probes import Planner
 
-    asked = options.read_modes([one for one in policies if ":" in one and not is_policy(one)], modes, how.given())
+    asked = options.read_modes(
+        [policy for policy in policies if ":" in policy and not is_policy(policy)], modes, how.given()
+    )
     names = list(dict.fromkeys([*policies, *(mode.spec for mode in asked.modes)]))
     models = {mode.spec for mode in asked.modes}
 

@@ -8,7 +8,7 @@ import typer
 
 from eyechart.cli.options import Json, Model, expanded, read_places
 from eyechart.cli.terminal import print_json, progress, say
-from eyechart.errors import SpecError, counted, perhaps
+from eyechart.errors import SpecError, counted, suggestion
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
@@ -256,11 +256,11 @@ def check(
     """
     from eyechart.conditions import by_reason
     from eyechart.frames import check as check_bank
-    from eyechart.frames import open_unchecked, shared
+    from eyechart.frames import open_unchecked, shared_frames
 
     problems = [problem for each in filter(None, (bank, other)) for problem in check_bank(each)]
     undrawn, unshown, noted = ({}, {}, []) if problems else _lacking(bank)
-    both = None if other is None else shared(open_unchecked(bank), open_unchecked(other))
+    both = None if other is None else shared_frames(open_unchecked(bank), open_unchecked(other))
     unlike = both is not None and bool(both.unlike or not both.frames)
     if json:
         lacks: dict[str, object] = {"undrawn": undrawn, "unshown": unshown, "notes": noted}
@@ -272,7 +272,7 @@ def check(
         lacking += [f"not asked of a policy: {names}: {why}" for names, why in by_reason(unshown).items()]
         lacking += noted
         fine = [f"{each} matches its manifest" for each in filter(None, (bank, other))]
-        say(*([f"eyechart: {one}" for one in problems] or [*fine, *lacking]))
+        say(*([f"eyechart: {problem}" for problem in problems] or [*fine, *lacking]))
         say(*(() if both is None else _shared_words(both)))
     if problems or unlike:
         raise typer.Exit(1)
@@ -403,7 +403,7 @@ def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":
     try:
         return read_axis(mirror)
     except ValueError:
-        near = perhaps(mirror, ("vertical", "horizontal", "none"))
+        near = suggestion(mirror, ("vertical", "horizontal", "none"))
         wrong.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'{near}")
         return "none"
 

@@ -8,7 +8,7 @@ import typer
 
 from eyechart.cli.options import Json, Reread, expanded
 from eyechart.cli.terminal import print_each, print_json, say
-from eyechart.errors import BankError, GuardianError, VoteError, perhaps, raising
+from eyechart.errors import BankError, GuardianError, VoteError, raising, suggestion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,7 +53,7 @@ class VoteSource:
         """Read the votes of runs and tables as one table; ``frames`` is their bank."""
         from eyechart.studies.guardian import join
 
-        return join([self._read(one, frames) for one in votes])
+        return join([self._read(vote, frames) for vote in votes])
 
     def _read(self, votes: Path, frames: Path | None) -> "VoteTable":
         from eyechart.frames import open_bank
@@ -149,10 +149,10 @@ def fit(
         study.write_frozen(partial, frozen)
     members = members_of(frozen.committee, table, votes, reread=how.reread)
     if json:
-        print_json({**frozen.as_dict(), "members": [one.as_dict() for one in members]})
+        print_json({**frozen.as_dict(), "members": [member.as_dict() for member in members]})
     else:
-        print_each([*choice_lines(frozen), *(one.words for one in members if not one.doubtful)])
-    for line in (*table.mute_words(frozen.committee), *(one.words for one in members if one.doubtful)):
+        print_each([*choice_lines(frozen), *(member.words for member in members if not member.is_doubtful)])
+    for line in (*table.mute_words(frozen.committee), *(member.words for member in members if member.is_doubtful)):
         say(f"warning: {line}")
     say(f"wrote {out}; it refuses to score the {len(table.frames)} frames that chose it")
 
@@ -202,7 +202,7 @@ def score(
     found = replace(study.score(frozen, table), bound=bounded)
     say(*words)
     members = members_of(frozen.committee, table, votes, reread=how.reread)
-    found = replace(found, warnings=(*found.warnings, *(one.words for one in members if one.doubtful)))
+    found = replace(found, warnings=(*found.warnings, *(member.words for member in members if member.is_doubtful)))
     if html is not None:
         bank = None if frames is None else open_bank(frames)
         if bank is not None:
@@ -210,10 +210,10 @@ def score(
         write_page(guardian_page(found, bank), html)
         say(f"wrote {html}, {html.stat().st_size / 1e6:.1f} MB")
     if json:
-        print_json({**found.as_dict(), **left, "members": [one.as_dict() for one in members]})
+        print_json({**found.as_dict(), **left, "members": [member.as_dict() for member in members]})
         return
     named = f"{len(table.frames)} frames of {len(set(table.episodes))} episodes, bank {frozen.about.bank_name or '—'}"
-    sound = (one.words for one in members if not one.doubtful)
+    sound = (member.words for member in members if not member.is_doubtful)
     print_each([named, guardian_table(found), *score_lines(found), *sound])
     for line in found.warnings:
         say(f"warning: {line}")
@@ -435,5 +435,5 @@ def _point(name: str | None) -> "Point | None":
     from eyechart.stats.committee_votes import POINTS
 
     if name is not None and name not in POINTS:
-        raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'{perhaps(name, POINTS)}")
+        raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'{suggestion(name, POINTS)}")
     return next((point for point in POINTS if point == name), None)

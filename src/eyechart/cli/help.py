@@ -75,9 +75,9 @@ class Commands(CommandGroup):
 def paragraphs(said: str | None) -> Iterator[tuple[str, str]]:
     """Yield a help text's paragraphs as (name, text); only an example has a name."""
     for part in (said or "").split("\n\n"):
-        found = EXAMPLE.fullmatch(" ".join(part.split()))
-        assert found is not None
-        words, name, example, after = found.groups()
+        match = EXAMPLE.fullmatch(" ".join(part.split()))
+        assert match is not None
+        words, name, example, after = match.groups()
         yield from [("", words)] if words else []
         yield from [(name, example)] if example else []
         yield from [("", after)] if after else []

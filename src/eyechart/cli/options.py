@@ -258,9 +258,11 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     """
     own = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
-        one.name: one.annotation for one in own.parameters.values() if is_dataclass(one.annotation)
+        parameter.name: parameter.annotation
+        for parameter in own.parameters.values()
+        if is_dataclass(parameter.annotation)
     }
-    taken = [one for parameter in own.parameters.values() for one in _options(parameter)]
+    taken = [option for parameter in own.parameters.values() for option in _options(parameter)]
 
     @wraps(command)
     def run(**given: Any) -> None:  # noqa: ANN401  (as many kinds as there are options)
@@ -269,7 +271,7 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
         command(**given)
 
     run.__signature__ = own.replace(parameters=taken)  # type: ignore[attr-defined]
-    run.__annotations__ = {one.name: one.annotation for one in taken}
+    run.__annotations__ = {option.name: option.annotation for option in taken}
     return run
 
 
@@ -309,8 +311,8 @@ def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
         return [parameter]
     hints = get_type_hints(parameter.annotation, include_extras=True)
     own = [
-        parameter.replace(name=one.name, annotation=hints[one.name], default=one.default)
-        for one in fields(parameter.annotation)
+        parameter.replace(name=field.name, annotation=hints[field.name], default=field.default)
+        for field in fields(parameter.annotation)
     ]
     return [option for one in own for option in _options(one)]
 
@@ -318,8 +320,8 @@ def _options(parameter: inspect.Parameter) -> list[inspect.Parameter]:
 def _built(group: Any, given: dict[str, Any]) -> Any:  # noqa: ANN401 - a class of options, and one of them
     """Return a group of options, with the groups in it; removes them from ``given``."""
     hints = get_type_hints(group)
-    parts = {one.name: _built(hints[one.name], given) for one in fields(group) if is_dataclass(hints[one.name])}
-    return group(**parts, **{one.name: given.pop(one.name) for one in fields(group) if one.name not in parts})
+    parts = {field.name: _built(hints[field.name], given) for field in fields(group) if is_dataclass(hints[field.name])}
+    return group(**parts, **{field.name: given.pop(field.name) for field in fields(group) if field.name not in parts})
 
 
 def _number(text: str) -> object:
@@ -356,15 +358,15 @@ def _scalar(text: str) -> "Scalar":
 
 def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
     """Return the step of each SPEC; raises SpecError for another form or kind of run."""
-    found = {}
+    steps = {}
     for one in given or []:
         spec, sign, step = one.rpartition("=")
         if not (sign and spec and step.isdecimal()):
             raise SpecError(f"--step is SPEC=N with a whole number, as python:my:act=20000, not '{one}'")
-        found[spec] = int(step)
-    if found and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
+        steps[spec] = int(step)
+    if steps and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
         raise SpecError(f"--step is for checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
-    return found
+    return steps
 
 
 def read_places(words: Sequence[str]) -> dict[str, str]:

@@ -109,12 +109,12 @@ def probe(
     mode, table = _mode(spec, given), read_prices(prices)
     sample = _sample(frames, prompt, mode)
     _say_estimate(mode, MOST_CALLS, table)
-    found = probed(mode, given, sample, "nothing is kept", seed=_draw(seed), prices=table, max_cost=max_cost)
+    result = probed(mode, given, sample, "nothing is kept", seed=_draw(seed), prices=table, max_cost=max_cost)
     with whole(out, "request mode") as partial:
-        write_mode(partial, found.mode)
-    print_json(found.as_dict()) if json else print_each([probe_table(found), *words_of(found)])
+        write_mode(partial, result.mode)
+    print_json(result.as_dict()) if json else print_each([probe_table(result), *words_of(result)])
     say(f"wrote {out}: ask this model with --mode {out}")
-    if found.sight.outcome == "blind":
+    if result.sight.outcome == "blind":
         raise typer.Exit(1)
 
 
@@ -124,14 +124,14 @@ def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
     from eyechart.probe.policies import MOST_CALLS, examine_policy
 
     with resumable("nothing is kept"), patience("doctor") as under_way:
-        found = examine_policy(
+        diagnosis = examine_policy(
             spec, open_bank(frames), tell=lambda number: under_way(f"call {number} of at most {MOST_CALLS}")
         )
     if json:
-        print_json(found.as_dict())
+        print_json(diagnosis.as_dict())
     else:
-        print_each(found.lines())
-    raise typer.Exit(found.exit_code)
+        print_each(diagnosis.lines())
+    raise typer.Exit(diagnosis.exit_code)
 
 
 def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":

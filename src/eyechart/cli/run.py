@@ -12,7 +12,7 @@ from typer.main import get_command
 from eyechart.cli import options, probe
 from eyechart.cli.help import Command, CommandGroup
 from eyechart.cli.terminal import output_kept, progress, resumable, say
-from eyechart.errors import LedgerError, SpecError, counted, perhaps
+from eyechart.errors import LedgerError, SpecError, counted, suggestion
 
 if TYPE_CHECKING:
     from eyechart.limits import Usage
@@ -40,9 +40,9 @@ class RunKinds(CommandGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
         """Return a kind's command; None if there is no such kind."""
-        found = super().get_command(ctx, cmd_name)
-        if found is not None or cmd_name not in self.list_commands(ctx):
-            return found
+        result = super().get_command(ctx, cmd_name)
+        if result is not None or cmd_name not in self.list_commands(ctx):
+            return result
         alone = typer.Typer()
         alone.command(cmd_name, cls=Command)(output_kept()(options.from_one_folder(_study)))
         return get_command(alone)
@@ -146,7 +146,7 @@ def prompts(
 
     for one in json_mode or ():
         if one not in STRUCTURED:
-            raise SpecError(f"--json-mode '{one}' is not one of {', '.join(STRUCTURED)}{perhaps(one, STRUCTURED)}")
+            raise SpecError(f"--json-mode '{one}' is not one of {', '.join(STRUCTURED)}{suggestion(one, STRUCTURED)}")
 
     def planned(modes: "Sequence[RequestMode]") -> "PromptStudy":
         return study.plan(
@@ -342,13 +342,13 @@ def _probed(
         kept = "the probe's calls are counted; the same command probes again"
         bounds: ProbeOptions = {"prices": allowed.prices, "max_cost": most, "spend": spend}
         try:
-            found = probe.probed(mode, {**asked.given, **fixed}, sample, kept, **bounds)
+            result = probe.probed(mode, {**asked.given, **fixed}, sample, kept, **bounds)
         except ProbeError as error:
             return error
-        say(*probe.words_of(found))
-        if found.sight.outcome == "blind":
+        say(*probe.words_of(result))
+        if result.sight.outcome == "blind":
             say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
-        return found
+        return result
 
     planned, failed = probes.plan_probed(study, asked, allowed, ask, say)
     if planned is None:
@@ -375,11 +375,11 @@ def _live_page(planned: "PlannedRun", allowed: "RunAllowance") -> "Iterator[Call
     if not allowed.watch:
         yield lambda *_: None
         return
-    from eyechart.serve.live import LiveRun, watched
+    from eyechart.serve.live import LiveRun, live_server
 
     live = LiveRun(planned.out, allowed.prices, unit=planned.unit)
     words = "the page of this run is not served, and the run continues"
-    with watched(
+    with live_server(
         live,
         lambda url: say(f"watch: {url} shows this run as it goes"),
         lambda why: say(f"watch: {words}: {why}"),

@@ -87,11 +87,13 @@ def costs(
     took = study.took(run, priced)
     each = study.deployment([run], ReadOptions(prices=priced))
     lines = [] if took.accounts else ["no model was asked: policies and worlds take no calls"]
-    lines += [f"the probe of {spec} before the run also took: {one.words}" for spec, one in took.probes.items()]
+    lines += [f"the probe of {spec} before the run also took: {probe.words}" for spec, probe in took.probes.items()]
     for spec, found in took.guards.items():
         lines += [f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found]
     tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
-    print_each([*(one.known() if study.callables else one for one in tables), *lines], 160, names=study.models(run))
+    print_each(
+        [*(table.known() if study.callables else table for table in tables), *lines], 160, names=study.models(run)
+    )
 
 
 def gate(
@@ -251,11 +253,11 @@ def transfer(
     print_each(lines, names=sorted(names | set(external)))
 
 
-def _how_found(one: "Statistic") -> str:
+def _how_found(statistic: "Statistic") -> str:
     """Return in words how a correlation's p was found; empty for any other statistic."""
     from eyechart.report.table import p_value
     from eyechart.stats.correlation import Correlation
 
-    if not isinstance(one, Correlation):
+    if not isinstance(statistic, Correlation):
         return ""
-    return f" ({one.how}{'' if one.p_exact is None else f'; over all orders {p_value(one.p_exact)}'})"
+    return f" ({statistic.how}{'' if statistic.p_exact is None else f'; over all orders {p_value(statistic.p_exact)}'})"

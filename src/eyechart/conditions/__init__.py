@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
-from eyechart.errors import BankError, SpecError, meant, require_known
+from eyechart.errors import BankError, SpecError, did_you_mean, require_known
 from eyechart.frames import RGB, Camera, Frame, Source, Stimulus, decode, encode, stored
 from eyechart.seeds import key_seed
 from eyechart.stats.partners import NOBODY
@@ -92,7 +92,7 @@ def _other(name: str) -> Callable[[Frame, Source, int], Stimulus]:
 def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
     if frame.mirror_axis == "none":
         raise BankError(f"frame '{frame.id}' has no mirror axis, so it cannot be shown mirrored")
-    seen, axes = source.images(frame), {one.name: one.mirror_axis for one in frame.cameras}
+    seen, axes = source.images(frame), {camera.name: camera.mirror_axis for camera in frame.cameras}
     images = {}
     for one in frame.cameras:
         other = one.mirrors or one.name
@@ -135,7 +135,7 @@ def is_nudged(picture: bytes, of: bytes) -> bool:
 
 
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
-    return replace(_real(frame, source, seed), fields=speaker(frame, source, seed).fields)
+    return replace(_real(frame, source, seed), fields=text_source_frame(frame, source, seed).fields)
 
 
 def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
@@ -280,10 +280,10 @@ TABLE: dict[str, Condition] = {
 }
 """All conditions: of banks, of worlds that are driven, and of a policy's channels."""
 
-CONDITIONS: dict[str, Condition] = {name: one for name, one in TABLE.items() if one.asked >= _MODELS}
+CONDITIONS: dict[str, Condition] = {name: condition for name, condition in TABLE.items() if condition.asked >= _MODELS}
 """The conditions of models."""
 
-PARTNERS: tuple[str, ...] = tuple(name for name, one in TABLE.items() if one.over == "channel")
+PARTNERS: tuple[str, ...] = tuple(name for name, condition in TABLE.items() if condition.over == "channel")
 """Conditions that show a partner's channel: any partner, one at a similar state or nearby."""
 
 BATTERY: tuple[str, ...] = (
@@ -298,7 +298,7 @@ BATTERY: tuple[str, ...] = (
 )
 """The eight conditions of Table t:conditions, which the paper's statistics use."""
 
-CONTROLS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "control" in one.needs)
+CONTROLS: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if "control" in condition.needs)
 """Controls, which remove a claim that rests on something other than the lead's distance."""
 
 NUDGES: Mapping[str, str] = {f"{name}_nudged": name for name in ("lead_near", "lead_drawn", "exchange_own")}
@@ -314,15 +314,15 @@ FURTHER: tuple[str, ...] = tuple(name for name in CONTROLS if name not in {*RANG
 """Optional controls, asked with `RANGED` if the bank has them."""
 
 COUNTERFACTUALS: tuple[str, ...] = tuple(
-    name for name, one in CONDITIONS.items() if "counterfactual" in one.needs and name not in CONTROLS
+    name for name, condition in CONDITIONS.items() if "counterfactual" in condition.needs and name not in CONTROLS
 )
 """Pictures of the same moment with one change, if the simulator can draw them."""
 
-OF_BANKS: tuple[str, ...] = tuple(name for name, one in CONDITIONS.items() if "drive" not in one.needs)
+OF_BANKS: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if "drive" not in condition.needs)
 """The conditions that a bank may supply; a battery uses all of them but the controls."""
 
 OF_WORLDS: tuple[str, ...] = tuple(
-    name for name, one in CONDITIONS.items() if one.needs <= {"axis", "partner", "drive"}
+    name for name, condition in CONDITIONS.items() if condition.needs <= {"axis", "partner", "drive"}
 )
 """The conditions of a driven world: pictures of the moment, of other worlds, or of the start."""
 
@@ -391,7 +391,7 @@ def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str
     return tuple(dict.fromkeys((*(frame.pictures.values() if over else ()), *files.values())))
 
 
-def speaker(frame: Frame, source: Source, seed: int) -> Frame:
+def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
     """Return the frame whose text a prompt states under text_swapped.
 
     It differs in the prompt's fields, and is of the same scenario if possible. Raises BankError if
@@ -415,13 +415,13 @@ def find_condition(name: str, who: str = "model") -> Condition:
     if row is None or who not in row.asked or not _may_be_over(row, over, what):
         of, near = (" of a policy", name) if who == "policy" else ("", base)
         known = [f"{one.name}{OVER}CHANNEL" * (one.over == "channel") or one.name for one in asked_of(who)]
-        raise SpecError(f"unknown condition '{name}'{of};{meant(near, known)} known are {', '.join(known)}")
+        raise SpecError(f"unknown condition '{name}'{of};{did_you_mean(near, known)} known are {', '.join(known)}")
     return _over(row, what) if over else row
 
 
 def asked_of(who: str) -> list[Condition]:
     """Return the conditions of a ``model`` or a ``policy``."""
-    return [one for one in TABLE.values() if who in one.asked]
+    return [condition for condition in TABLE.values() if who in condition.asked]
 
 
 def _may_be_over(row: Condition, over: str, what: str) -> bool:
@@ -448,7 +448,7 @@ def require_shown(name: str, cameras: Sequence[Camera]) -> None:
     """Raise SpecError if a condition is not one of drives, or these cameras cannot show it."""
     base = name.partition(OVER)[0]
     require_known(f"condition '{base}' of a closed loop", base, OF_WORLDS)
-    if "axis" in CONDITIONS[base].needs and any(one.mirror_axis == "none" for one in cameras):
+    if "axis" in CONDITIONS[base].needs and any(camera.mirror_axis == "none" for camera in cameras):
         raise SpecError(f"condition '{name}' needs a simulator with a mirror axis, but this one has none")
     require_camera(name, cameras)
 
@@ -458,7 +458,8 @@ def require_camera(name: str, cameras: Sequence[Camera]) -> None:
     _, over, camera = name.partition(OVER)
     if over and camera not in (names := [one.name for one in cameras]):
         raise SpecError(
-            f"condition '{name}': there is no camera '{camera}';{meant(camera, names)} there are {', '.join(names)}"
+            f"condition '{name}': there is no camera '{camera}';{did_you_mean(camera, names)} there are "
+            f"{', '.join(names)}"
         )
 
 
@@ -488,10 +489,10 @@ def require_partners(names: Sequence[str], source: Source) -> None:
             for frames in source.scenarios.values():
                 partner(frames[0], source, 0, name.partition(OVER)[0])
         elif "text" in needs:
-            speaker(source.frames[0], source, 0)
+            text_source_frame(source.frames[0], source, 0)
 
 
-def available(name: str, frame: Frame, source: Source | None = None) -> bool:
+def is_available(name: str, frame: Frame, source: Source | None = None) -> bool:
     """Return whether a frame can be shown under a condition.
 
     A condition over a channel needs the ``source`` too. A counterfactual picture that was not drawn
@@ -527,7 +528,7 @@ def sample(name: str, shown: Sequence[str], calls: int, seed: int) -> frozenset[
 
 def shuffled_order(frames: Sequence[str], seed: int) -> list[str]:
     """Return frame ids in an order in which each place depends on the seed and the id alone."""
-    return sorted(frames, key=lambda one: (key_seed("stop early", seed, one), one))
+    return sorted(frames, key=lambda frame: (key_seed("stop early", seed, frame), frame))
 
 
 def asked_in_stages(supplied: Collection[str]) -> tuple[str, ...]:
@@ -539,5 +540,5 @@ def asked_in_stages(supplied: Collection[str]) -> tuple[str, ...]:
 def undrawn_controls(source: Source) -> dict[str, int]:
     """Return how many frames lack each control that only some frames have; nudges do not count."""
     drawn = (name for name in CONTROLS if name not in {*NUDGES, AGAIN})
-    have = {name: sum(available(name, frame) for frame in source.frames) for name in drawn}
+    have = {name: sum(is_available(name, frame) for frame in source.frames) for name in drawn}
     return {name: len(source.frames) - count for name, count in have.items() if 0 < count < len(source.frames)}

@@ -15,7 +15,7 @@ from eyechart.channels import (
     partners,
     whose,
 )
-from eyechart.conditions import CONDITIONS, EXCHANGED, OVER, PARTNERS, TABLE, asked_of, available
+from eyechart.conditions import CONDITIONS, EXCHANGED, OVER, PARTNERS, TABLE, asked_of, is_available
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.stats.shapley import Subset, subsets
@@ -54,7 +54,7 @@ def further_conditions(bank: FrameBank) -> tuple[str, ...]:
 
     With several cameras they are noise in one camera, and one camera alone kept.
     """
-    names = [one.removeprefix(CAMERA) for one in channels_of(bank) if one.startswith(CAMERA)]
+    names = [channel.removeprefix(CAMERA) for channel in channels_of(bank) if channel.startswith(CAMERA)]
     wanted = [one for name in names for one in (f"noise{OVER}{name}", f"kept{OVER}{CAMERA}{name}")]
     return tuple(one for one in wanted if not _lacking(one, bank))
 
@@ -65,7 +65,7 @@ def listed_conditions() -> dict[str, str]:
     listed = {name: f"{one.image}: {one.asks}" for name, one in every.items()}
     for one in (TABLE[name] for name in ("blank", "noise", EXCHANGED)):
         listed[f"{one.name}{OVER}CAMERA"] = f"{one.image}, in one camera: {one.asks}"
-    return listed | {name: f"{one.image}: {one.asks}" for name, one in CONDITIONS.items()}
+    return listed | {name: f"{condition.image}: {condition.asks}" for name, condition in CONDITIONS.items()}
 
 
 def unshown_channels(bank: FrameBank) -> dict[str, str]:
@@ -109,7 +109,7 @@ def _lacking(name: str, bank: FrameBank) -> str:
         return "the bank does not say what a reflected motion is"
     if name == "mirrored" and (pair := _unlike_pair(bank)):
         return f"the pictures of {pair}, which exchange places, differ in size"
-    lacking = sum(not available(name, frame, bank) for frame in bank)
+    lacking = sum(not is_available(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"
     return f"{lacking} of {len(bank)} frames have no {what}" if lacking else ""
 
@@ -117,7 +117,7 @@ def _lacking(name: str, bank: FrameBank) -> str:
 def _unlike_pair(bank: FrameBank) -> str:
     """Return in words two cameras that a reflection exchanges and whose pictures differ in size."""
     first = bank.frames[0]
-    pairs = [(one.name, one.mirrors) for one in first.cameras if one.mirrors]
+    pairs = [(camera.name, camera.mirrors) for camera in first.cameras if camera.mirrors]
     shapes = bank.shapes(first) if pairs else {}
     return next((f"'{one}' and '{other}'" for one, other in pairs if shapes[one] != shapes[other]), "")
 

@@ -101,17 +101,17 @@ def calls_of(
 ) -> dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]]:
     """Return the finished calls of cut episodes, with reply and request digest, by episode."""
     by_frame = {(key.policy, key.world, key.condition): key for key in todo if key.policy in drivers.models}
-    found: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]] = {}
+    calls: dict[EpisodeKey, dict[CallKey, tuple[Reply, str]]] = {}
     if ledger is None:
-        return found
+        return calls
     for spec in drivers.models:
         for sent in ledger.attempts(spec):
             world = sent.key.frame.rpartition("/")[0]
             real = drivers.mirror_axis is not None and sent.key.condition == REFLECTED
             episode = by_frame.get((spec, world, "real" if real else sent.key.condition))
             if episode is not None and sent.reply is not None and sent.final:
-                found.setdefault(episode, {})[sent.key] = sent.reply, sent.request_sha256
-    return found
+                calls.setdefault(episode, {})[sent.key] = sent.reply, sent.request_sha256
+    return calls
 
 
 class RecordedModel:
@@ -289,8 +289,8 @@ class _Coordinator:
     async def _reply(self, key: EpisodeKey, call: CallKey, shown: EpisodeView) -> Reply:
         """Return the reply of a finished call, or make the call."""
         drivers = self.drivers
-        seen = through(drivers.view, shown.stimulus, shown.frame)
-        query = drivers.prompt.query(seen, call.seed(drivers.seed), drivers.answers)
+        stimulus = through(drivers.view, shown.stimulus, shown.frame)
+        query = drivers.prompt.query(stimulus, call.seed(drivers.seed), drivers.answers)
         known = self.finished.setdefault(key, {})
         if call in known:
             reply, digest = known[call]
@@ -316,13 +316,13 @@ class _Coordinator:
         self.unlike(key, call, sent, shown)
 
 
-def _reflected(shown: EpisodeView, axis: str) -> Stimulus:
+def _reflected(view: EpisodeView, axis: str) -> Stimulus:
     """Return the stimulus, flipped across the lane axis."""
     flipped = {
-        name: encode(np.ascontiguousarray(flip(decode(image, shown.frame), axis)))
-        for name, image in shown.stimulus.images.items()
+        name: encode(np.ascontiguousarray(flip(decode(image, view.frame), axis)))
+        for name, image in view.stimulus.images.items()
     }
-    return replace(shown.stimulus, images=flipped)
+    return replace(view.stimulus, images=flipped)
 
 
 def decide(reply: Reply, drivers: Drivers) -> Decision[str]:

@@ -26,7 +26,7 @@ from eyechart.episodes.records import (
 )
 from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import EpisodeView, Setup
-from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, counted, perhaps, printable, raising
+from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, counted, printable, raising, suggestion
 from eyechart.event_loops import asyncio, to_its_end
 from eyechart.frames import alone
 from eyechart.ledger import Ledger
@@ -43,7 +43,7 @@ from eyechart.manifest import (
     today,
     versions,
 )
-from eyechart.models import open_model, turns_of
+from eyechart.models import open_model, sequential_groups
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.forward import distances_of
@@ -103,10 +103,10 @@ class EpisodesRun(PlannedRun):
 
         keys = list({key.world: replace(key, condition="real") for key in self.keys}.values())[:_PICTURES]
         shown = to_its_end(_shown(self.setup, keys))
-        found = [through(self.drivers.view, one.stimulus, one.frame) for one in shown if isinstance(one, EpisodeView)]
-        if not found:
+        stimuli = [through(self.drivers.view, one.stimulus, one.frame) for one in shown if isinstance(one, EpisodeView)]
+        if not stimuli:
             raise SpecError(f"no world of {self.manifest.simulator} shows a picture to probe a model with: {shown[-1]}")
-        return Sample([(self.drivers.prompt, seen) for seen in found], self.drivers.answers)
+        return Sample([(self.drivers.prompt, seen) for seen in stimuli], self.drivers.answers)
 
     def lines(self, how: RunAllowance) -> Iterator[str]:
         """Yield the size of the run, and the expected costs of the models' calls."""
@@ -152,7 +152,7 @@ class EpisodesRun(PlannedRun):
 
     def driven(self) -> list[Episode]:
         """Return the existing records of the episodes, in their order."""
-        over = {one.key: one for one in read_episodes(self.out)}
+        over = {episode.key: episode for episode in read_episodes(self.out)}
         return [over[key] for key in self.keys if key in over]
 
     def unfinished(self) -> tuple[EpisodeKey, ...]:
@@ -161,7 +161,7 @@ class EpisodesRun(PlannedRun):
 
     def left(self) -> tuple[EpisodeKey, ...]:
         """Return the episodes that remain to be driven."""
-        over = {one.key for one in read_episodes(self.out) if not (self.again and one.ended == "error")}
+        over = {episode.key for episode in read_episodes(self.out) if not (self.again and episode.ended == "error")}
         return tuple(key for key in self.keys if key not in over)
 
 
@@ -192,14 +192,14 @@ def plan(
     chosen = tuple(dict.fromkeys(scenarios or world.scenarios))
     _require_worlds(world, setup, chosen, seeds, conditions)
     modes = _modes(specs)
-    names = tuple(dict.fromkeys(one.spec if isinstance(one, RequestMode) else one for one in specs))
+    names = tuple(dict.fromkeys(spec.spec if isinstance(spec, RequestMode) else spec for spec in specs))
     if not names:
         raise SpecError("episodes need at least one --policy: constant:SLOW, oracle, or a model's SPEC")
     beside = _marginals(names, conditions, held)
     drivers = _drivers(
         world,
         setup,
-        [one for one in names if one not in beside],
+        [name for name in names if name not in beside],
         modes,
         prompt if isinstance(prompt, Prompt) else _prompt_for(world, prompt),
     )
@@ -293,7 +293,7 @@ def _require_worlds(
         raise SpecError(f"unknown silence '{setup.silence}'; known are {' and '.join(SILENCES)}")
     for scenario in scenarios:
         if scenario not in world.scenarios:
-            near = perhaps(scenario, world.scenarios)
+            near = suggestion(scenario, world.scenarios)
             raise SpecError(f"'{world.name}' has no scenario '{scenario}'; known: {', '.join(world.scenarios)}{near}")
     if not seeds or min(seeds) < 0:
         raise SpecError(f"episodes need seeds from 0 on, got {list(seeds)}")
@@ -304,9 +304,9 @@ def _require_worlds(
 
 
 def _modes(specs: Sequence[str | RequestMode]) -> dict[str, RequestMode]:
-    models = (one for one in specs if isinstance(one, RequestMode) or (":" in one and not is_policy(one)))
-    modes = (one if isinstance(one, RequestMode) else RequestMode(one) for one in models)
-    return {one.spec: one for one in modes}
+    models = (spec for spec in specs if isinstance(spec, RequestMode) or (":" in spec and not is_policy(spec)))
+    modes = (model if isinstance(model, RequestMode) else RequestMode(model) for model in models)
+    return {mode.spec: mode for mode in modes}
 
 
 def _version(spec: str, drivers: Drivers) -> str:
@@ -355,7 +355,7 @@ def run(
         keep, ledger = _keeper(planned, len(left), progress), None
         if any(key.policy in planned.drivers.models for key in left):
             ledger = opened.enter_context(Ledger(planned.out / LEDGER, create=True))
-        turns = turns_of(map(planned.manifest.mode, planned.drivers.models), sequential=bounds.sequential)
+        turns = sequential_groups(map(planned.manifest.mode, planned.drivers.models), sequential=bounds.sequential)
         drivers = replace(planned.drivers, turns=turns)
         outcome = drive(first, drivers, open_worker, keep, ledger=ledger, bounds=bounds)
         if len(first) < len(left):
@@ -373,7 +373,7 @@ def _drive_marginals(
     """
     left, held = planned.left(), read_episodes_manifest(planned.out)
     episodes = list(read_episodes(planned.out))
-    over, policies = {one.key for one in episodes}, dict[str, Marginal]()
+    over, policies = {episode.key for episode in episodes}, dict[str, Marginal]()
     todo = [key for key in left if (who := held.marginal_of(key.policy)) and replace(key, policy=who) in over]
     for spec in dict.fromkeys(key.policy for key in todo):
         mine, driver = [key for key in left if key.policy == spec], held.marginal_of(spec)
@@ -403,7 +403,7 @@ def drives_ended(parts: Mapping[str, EpisodesRun], outcome: RunOutcome, failed: 
         mine = planned.unfinished()
         left += len(mine)
         words = unfinished(planned.out, mine, planned.drivers.models)
-        lines += [f"{f'{name}: ' if name else ''}{one.policy}: {one.words}" for one in words]
+        lines += [f"{f'{name}: ' if name else ''}{word.policy}: {word.words}" for word in words]
     waiting = sum(len(planned.left()) for planned in parts.values())  # also the ones to be driven again
     if outcome.stopped is not None and waiting:
         return RunEnding(
@@ -420,7 +420,9 @@ def errors_ended(parts: Mapping[str, EpisodesRun], bound: str = "--max-steps") -
 
     ``bound`` is the option that lets an episode go on for longer, or empty if there is none.
     """
-    found = [(name, one) for name, planned in parts.items() for one in planned.driven() if one.ended == "error"]
+    found = [
+        (name, episode) for name, planned in parts.items() for episode in planned.driven() if episode.ended == "error"
+    ]
     if not found:
         return RunEnding()
     failed, part = [one for _, one in found], found[0][0]
@@ -555,7 +557,7 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[
 
 async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[EpisodeView | str]:
     """Return the first picture of each world, or in words why there is none."""
-    found: list[EpisodeView | str] = []
+    result: list[EpisodeView | str] = []
     worker = LocalWorker(setup, patience_s=PATIENCE_S)
     try:
         for key in keys:
@@ -568,7 +570,7 @@ async def _shown(setup: Setup, keys: Sequence[EpisodeKey]) -> list[EpisodeView |
             except WorkerDiedError as error:
                 shown = Episode(key, (), "error", "", str(error))
             assert isinstance(shown, EpisodeView | Episode)
-            found.append(shown if isinstance(shown, EpisodeView) else printable(shown.detail))
+            result.append(shown if isinstance(shown, EpisodeView) else printable(shown.detail))
     finally:
         worker.close()
-    return found
+    return result

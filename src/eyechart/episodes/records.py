@@ -211,12 +211,12 @@ def recorded(run: Path) -> Mapping[str, int]:
 
 
 def _of_episodes(path: Path) -> dict[str, Counter[str]]:
-    found: dict[str, Counter[str]] = {}
+    result: dict[str, Counter[str]] = {}
     for episode in read_episodes(path):
         if episode.key.condition == REAL and episode.ended != "error":
             taken = (step.decision.action for step in episode.steps)
-            found.setdefault(episode.key.policy, Counter()).update(action for action in taken if action is not None)
-    return found
+            result.setdefault(episode.key.policy, Counter()).update(action for action in taken if action is not None)
+    return result
 
 
 def decided_by(driver: str, marginal: str, episodes: Iterable[Episode]) -> Mapping[str, int]:
@@ -227,26 +227,26 @@ def decided_by(driver: str, marginal: str, episodes: Iterable[Episode]) -> Mappi
     error.
     """
     before: dict[EpisodeKey, Episode] = {}
-    for one in episodes:
-        if one.key.policy == marginal and one.steps:
+    for episode in episodes:
+        if episode.key.policy == marginal and episode.steps:
             break
-        if (one.key.policy, one.key.condition) == (driver, REAL) and one.ended != "error":
-            before.setdefault(one.key, one)
+        if (episode.key.policy, episode.key.condition) == (driver, REAL) and episode.ended != "error":
+            before.setdefault(episode.key, episode)
     taken = (step.decision for one in before.values() for step in one.steps)
     return Counter(without(one.missing) if one.missing is not None else str(one.action) for one in taken)
 
 
 def _of_battery(path: Path) -> dict[str, Counter[str]]:
     manifest, bank = read_run(path)
-    found: dict[str, Counter[str]] = {}
+    result: dict[str, Counter[str]] = {}
     with Ledger(path / LEDGER) as ledger:
         for spec in manifest.models:
-            counts = found.setdefault(spec, Counter())
+            counts = result.setdefault(spec, Counter())
             for key, reply in ledger.replies(spec):
                 decision = bank.manifest.action_space.read(reply)
                 if key.condition == REAL and decision.action is not None:
                     counts[decision.action] += 1
-    return found
+    return result
 
 
 _DETAIL = 160
@@ -360,17 +360,17 @@ def summarise(episodes: Iterable[Episode]) -> list[EpisodeMeans]:
 
 
 def _row(policy: str, condition: str, group: list[Episode]) -> EpisodeMeans:
-    good = [one for one in group if one.ended != "error"]
-    steps = [step for one in good for step in one.steps]
+    good = [episode for episode in group if episode.ended != "error"]
+    steps = [step for episode in good for step in episode.steps]
     return EpisodeMeans(
         policy=policy,
         condition=condition,
         episodes=len(good),
         errors=len(group) - len(good),
-        distance_m=_mean(one.distance_m for one in good),
-        reward=fmean(one.reward for one in good) if good else None,
-        speed_mps=_mean(one.speed_mps for one in good),
-        crash_rate=fmean(one.crashed for one in good) if good else None,
+        distance_m=_mean(episode.distance_m for episode in good),
+        reward=fmean(episode.reward for episode in good) if good else None,
+        speed_mps=_mean(episode.speed_mps for episode in good),
+        crash_rate=fmean(episode.crashed for episode in good) if good else None,
         without_decision=fmean(step.decision.action is None for step in steps) if steps else None,
     )
 

@@ -74,7 +74,7 @@ class ReplayDifferences:
     lost: list[EpisodeKey] = field(default_factory=list)
 
 
-def refused(manifest: EpisodesManifest) -> str:
+def why_not_opened(manifest: EpisodesManifest) -> str:
     """Return in words why this run's worlds are not opened, empty if they ship with eyechart.
 
     Gymnasium's own environments count as shipped. An id with a module imports it, and may be
@@ -119,29 +119,33 @@ def repeat(
     is driven for one step more than recorded, to find one that was cut short. Raises SpecError for
     a run that is `refused`.
     """
-    if why := refused(manifest):
+    if why := why_not_opened(manifest):
         raise SpecError(why)
-    drivers = _drivers(manifest, world_of(run, manifest), {one.key.policy for one in episodes})
-    recorded = {one.key: one for one in episodes if one.key.policy in {*drivers.policies, *drivers.models}}
-    found = ReplayDifferences(lost=[one.key for one in episodes if one.key not in recorded])
+    drivers = _drivers(manifest, world_of(run, manifest), {episode.key.policy for episode in episodes})
+    recorded = {
+        episode.key: episode for episode in episodes if episode.key.policy in {*drivers.policies, *drivers.models}
+    }
+    replaydifferences = ReplayDifferences(lost=[episode.key for episode in episodes if episode.key not in recorded])
     setup = Setup(manifest.simulator, manifest.seed, longest(manifest, episodes), silence=manifest.silence)
     actions = run / ACTION_MAP
     setup = replace(setup, actions=actions) if actions.is_file() else setup
     compare = partial(_compare, exact=exact)
 
     def keep(driven: Episode) -> None:
-        found.episodes += 1
-        found.steps += len(driven.steps)
-        compare(recorded[driven.key], driven, found)
+        replaydifferences.episodes += 1
+        replaydifferences.steps += len(driven.steps)
+        compare(recorded[driven.key], driven, replaydifferences)
         if progress is not None:
-            progress(found.episodes, len(recorded))
+            progress(replaydifferences.episodes, len(recorded))
 
     with Ledger(run / LEDGER, absent=True, sound=False) as ledger:
         calls = calls_of(list(recorded), drivers, ledger)
-    found.requests = sum(len(of) for of in calls.values())
+    replaydifferences.requests = sum(len(of) for of in calls.values())
 
     def unlike(key: EpisodeKey, call: CallKey, sent: str, shown: str) -> None:
-        found.unlike.append(Mismatch(key, int(call.frame.rpartition("/")[2]), "request (SHA-256)", sent, shown))
+        replaydifferences.unlike.append(
+            Mismatch(key, int(call.frame.rpartition("/")[2]), "request (SHA-256)", sent, shown)
+        )
 
     drive_again(
         sorted(recorded),
@@ -152,12 +156,12 @@ def repeat(
         unlike=unlike,
         bounds=Bounds(processes, _UNDER_WAY),
     )
-    return found
+    return replaydifferences
 
 
 def longest(manifest: EpisodesManifest, episodes: Sequence[Episode]) -> int:
     """Return the bound of a replay's steps: one more than the longest that ended in error."""
-    steps = max((len(one.steps) + (one.ended == "error") for one in episodes), default=1)
+    steps = max((len(episode.steps) + (episode.ended == "error") for episode in episodes), default=1)
     return max(1, min(steps, manifest.max_steps))
 
 

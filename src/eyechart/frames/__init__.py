@@ -36,7 +36,7 @@ from eyechart.frames.nouns import (
     require_exchanged,
     rounded_truth,
 )
-from eyechart.frames.overlap import SharedFrames, same_moments, shared
+from eyechart.frames.overlap import SharedFrames, same_moments, shared_frames
 from eyechart.frames.pictures import (
     MAX_IMAGE_BYTES,
     MAX_PIXELS,
@@ -112,7 +112,7 @@ __all__ = [
     "require_plain",
     "rounded_truth",
     "same_moments",
-    "shared",
+    "shared_frames",
     "size_of",
     "stored",
     "whole_folder",

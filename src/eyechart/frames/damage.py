@@ -78,12 +78,12 @@ def _of_png(picture: bytes) -> Iterator[PictureDamage]:
 
 def _unpacked(stream: "zlib._Decompress", packed: bytes, wanted: int) -> int:
     """Return the size of an unpacked part, stopped soon after ``wanted`` or at damage."""
-    found = 0
+    result = 0
     with suppress(zlib.error):
-        while packed and found <= wanted:
-            found += len(stream.decompress(packed, 1 << 20))
+        while packed and result <= wanted:
+            result += len(stream.decompress(packed, 1 << 20))
             packed = stream.unconsumed_tail
-    return found
+    return result
 
 
 def _chunks(picture: bytes) -> Iterator[tuple[bytes, bytes, bool, int]]:

@@ -31,7 +31,7 @@ from eyechart.frames.nouns import (
     rounded_truth,
 )
 from eyechart.frames.pictures import digest_of_sound, inside, read_bounded
-from eyechart.records import LARGEST, build, parse_json, picked, plain, shown
+from eyechart.records import LARGEST, build, parse_json, plain, shown, to_json_fields
 from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
@@ -129,11 +129,11 @@ def _place(out: Path, error: type[EyechartError]) -> Path:
 
 
 def _clear(folder: Path, *, keep: str) -> None:
-    for one in folder.iterdir():
-        if one.is_dir() and not one.is_symlink():
-            shutil.rmtree(one)
-        elif one.name != keep:
-            one.unlink()
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != keep:
+            path.unlink()
 
 
 def open_bank(root: Path) -> FrameBank:
@@ -158,7 +158,7 @@ def read_bank_manifest(root: Path) -> BankManifest:
         raw = _plain(text_file(path).read_text(encoding="utf-8"))
         if raw.get("format") != FORMAT:
             raise BankError(f"{path} has format {raw.get('format')!r}; this eyechart reads {FORMAT!r}")
-        kept = {one.name: raw[one.name] for one in fields(BankManifest) if one.name in raw}
+        kept = {field.name: raw[field.name] for field in fields(BankManifest) if field.name in raw}
         manifest = build(BankManifest, kept)
         recorded, declared = raw["fingerprint"], raw["declaration"]
     except FileNotFoundError as error:
@@ -252,11 +252,11 @@ def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
 def read_motion(rows: object, space: MotionSpace) -> tuple[tuple[float, ...], ...]:
     """Return a logged motion, empty for an empty list; raises ValueError for a wrong shape."""
     steps = rows if isinstance(rows, list | tuple) else [rows]
-    found = tuple(read_state(row, f"step {number} of the logged motion") for number, row in enumerate(steps))
-    shapes = {(len(found), len(row)) for row in found}
+    result = tuple(read_state(row, f"step {number} of the logged motion") for number, row in enumerate(steps))
+    shapes = {(len(result), len(row)) for row in result}
     if shapes - {space.shape}:
         raise ValueError(f"the logged motion has the shape {sorted(shapes)}, but the bank's motions have {space.shape}")
-    return found
+    return result
 
 
 def read_state(value: object, what: str) -> tuple[float, ...]:
@@ -377,7 +377,7 @@ class BankWriter:
         self._check_cameras(frame, [pictures, *counterfactuals.values()])
         frame = self._put_aside(frame, truth)
         row: dict[str, object] = {
-            **picked(frame, "file_name=file frame_id=id scenario episode step mirror_axis"),
+            **to_json_fields(frame, "file_name=file frame_id=id scenario episode step mirror_axis"),
             **truth,
             **plain(frame.state),
             **logged,
@@ -437,11 +437,11 @@ class BankWriter:
     def _check_cameras(self, frame: Frame, given: Sequence[Mapping[str, bytes]]) -> None:
         """Raise BankError unless a frame has the declared cameras and state, and all pictures."""
         declared = self._manifest.cameras or alone(frame.cameras[0].mirror_axis)
-        names = [one.name for one in declared]
+        names = [camera.name for camera in declared]
         told = frame.truth.keys() | frame.fields
         if frame.cameras != declared or frame.state.keys() != set(self._manifest.state) or frame.state.keys() & told:
             raise BankError(
-                f"frame '{frame.id}' has the cameras {[one.name for one in frame.cameras]} and the state "
+                f"frame '{frame.id}' has the cameras {[camera.name for camera in frame.cameras]} and the state "
                 f"{sorted(frame.state)}, but the manifest declares {names} and {sorted(self._manifest.state)}"
             )
         for one in (frame.pictures, *frame.counterfactuals.values(), *given):

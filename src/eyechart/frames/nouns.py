@@ -16,7 +16,7 @@ import numpy as np
 
 from eyechart.errors import BankError
 from eyechart.frames.pictures import as_png, read_bounded, size_of
-from eyechart.records import LARGEST, picked
+from eyechart.records import LARGEST, to_json_fields
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
 
@@ -91,9 +91,9 @@ class Camera:
 
 def require_exchanged(cameras: Sequence[Camera]) -> None:
     """Raise BankError if two cameras share a name, or if a mirrored camera does not mirror back."""
-    by_name = {one.name: one for one in cameras}
+    by_name = {camera.name: camera for camera in cameras}
     if len(by_name) < len(cameras):
-        raise BankError(f"two cameras have the same name: {', '.join(one.name for one in cameras)}")
+        raise BankError(f"two cameras have the same name: {', '.join(camera.name for camera in cameras)}")
     for one in cameras:
         if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
             raise BankError(f"camera '{one.name}' mirrors '{one.mirrors}', which must exist and mirror it too")
@@ -141,7 +141,7 @@ class Frame:
     @property
     def mirror_axis(self) -> MirrorAxis:
         """Return the first camera's axis, or none if any camera has none."""
-        return "none" if any(one.mirror_axis == "none" for one in self.cameras) else self.cameras[0].mirror_axis
+        return "none" if any(camera.mirror_axis == "none" for camera in self.cameras) else self.cameras[0].mirror_axis
 
     @property
     def drive(self) -> str:
@@ -159,7 +159,7 @@ class Frame:
         if self.fields:
             parts.append({name: _canonical(self.fields[name]) for name in sorted(self.fields)})
         if self.cameras != alone(self.cameras[0].mirror_axis):
-            parts.append(["cameras", *([one.name, one.mirror_axis, one.mirrors] for one in self.cameras)])
+            parts.append(["cameras", *([camera.name, camera.mirror_axis, camera.mirrors] for camera in self.cameras)])
         if self.state:
             parts.append(["state", {name: [*map(_canonical, self.state[name])] for name in sorted(self.state)}])
         if self.motion:
@@ -323,15 +323,15 @@ class BankManifest:
         besides += [name for name in ("strata", "added") if getattr(self, name)]
         return {
             "format": FORMAT,
-            **picked(self, "fingerprint declaration"),
+            **to_json_fields(self, "fingerprint declaration"),
             **self._declared(),
-            **picked(self, f"geometry images {' '.join(besides)}"),
+            **to_json_fields(self, f"geometry images {' '.join(besides)}"),
         }
 
     def _declared(self) -> dict[str, object]:
         names = ("prompt_columns", "absent", "independent", "cameras", "state", "motion")
         said = " ".join(name for name in names if getattr(self, name))
-        return picked(self, f"simulator preset picture action_space gap {said} settings versions")
+        return to_json_fields(self, f"simulator preset picture action_space gap {said} settings versions")
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ class SharedFrames:
         }
 
 
-def shared(one: FrameBank, other: FrameBank) -> SharedFrames:
+def shared_frames(one: FrameBank, other: FrameBank) -> SharedFrames:
     """Return the frames with equal names; geometry is compared to 3 decimals, pixels are not."""
     theirs = {frame.id: frame for frame in other}
     pairs = [(frame, theirs[frame.id]) for frame in one if frame.id in theirs]
@@ -51,15 +51,15 @@ def shared(one: FrameBank, other: FrameBank) -> SharedFrames:
     )
 
 
-def same_moments(one: BankManifest, other: BankManifest) -> tuple[str, ...]:
+def same_moments(manifest: BankManifest, other: BankManifest) -> tuple[str, ...]:
     """Return the frames with equal names and geometry in two banks, in the order of the first."""
     theirs = other.geometry
-    return tuple(frame for frame, digest in one.geometry.items() if theirs.get(frame) == digest)
+    return tuple(frame for frame, digest in manifest.geometry.items() if theirs.get(frame) == digest)
 
 
-def _unlike(one: Frame, other: Frame) -> tuple[str, ...]:
+def _unlike(frame: Frame, other: Frame) -> tuple[str, ...]:
     """Return the names of the parts that differ between two frames."""
     parts = ("scenario", "episode", "step", "cameras", "fields", "state", "motion")
-    found = [name for name in parts if getattr(one, name) != getattr(other, name)]
-    names = sorted(one.truth.keys() | other.truth.keys())
-    return (*found, *(name for name in names if one.truth.get(name, "") != other.truth.get(name, "")))
+    found = [name for name in parts if getattr(frame, name) != getattr(other, name)]
+    names = sorted(frame.truth.keys() | other.truth.keys())
+    return (*found, *(name for name in names if frame.truth.get(name, "") != other.truth.get(name, "")))

@@ -134,7 +134,7 @@ def decode(picture: bytes, name: str) -> RGB:
     Raises BankError with the picture's name if it is no picture, is truncated, or has more than 25
     megapixels.
     """
-    with opened(picture, name, _FORMATS) as found:
+    with open_picture(picture, name, _FORMATS) as found:
         return np.asarray(found if found.mode == "RGB" else found.convert("RGB"), dtype=np.uint8)
 
 
@@ -150,7 +150,7 @@ def digest_of_sound(picture: bytes, name: str) -> str:
     """
     found = hashlib.sha256(picture)
     if found.digest() not in _SOUND:
-        with opened(picture, name, _FORMATS) as image:
+        with open_picture(picture, name, _FORMATS) as image:
             image.load() if image.mode == "RGB" else image.convert("RGB")
         if len(_SOUND) >= _SOUND_KEPT:
             _SOUND.clear()
@@ -166,17 +166,17 @@ _PHONES = {
 
 
 @contextmanager
-def opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
+def open_picture(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Image.Image]:
     """Open a picture of one of these formats and of allowed size, without decoding it.
 
     Inside the context, errors of Pillow become BankErrors with the picture's name: it is no such
     picture, is truncated, or has more than 25 megapixels.
     """
-    with _opened(picture, name, formats) as found:
-        width, height = found.size
+    with _opened(picture, name, formats) as result:
+        width, height = result.size
         if width * height > MAX_PIXELS:
             raise BankError(f"'{name}' has {width}×{height} pixels; the limit is {MAX_PIXELS // 1_000_000} megapixels")
-        yield found
+        yield result
 
 
 @contextmanager
@@ -185,9 +185,9 @@ def _opened(picture: bytes, name: str, formats: tuple[str, ...]) -> Iterator[Ima
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of oddities in a picture, here or later
             _refuse_vast(picture)
-            found = Image.open(io.BytesIO(picture), formats=formats)
-            with found:
-                yield found
+            result = Image.open(io.BytesIO(picture), formats=formats)
+            with result:
+                yield result
     except Image.DecompressionBombError as error:
         raise BankError(f"'{name}' has more than {MAX_PIXELS // 1_000_000} megapixels") from error
     except UnidentifiedImageError as error:

@@ -10,7 +10,7 @@ from PIL import Image, ImageColor, ImageOps
 
 from eyechart.errors import BankError, SpecError
 from eyechart.frames.damage import damages
-from eyechart.frames.pictures import RGB, opened
+from eyechart.frames.pictures import RGB, open_picture
 
 PLAIN_FORMATS = ("PNG", "JPEG", "WEBP")
 """Formats that are kept unchanged."""
@@ -38,11 +38,11 @@ def require_plain(picture: bytes, name: str) -> str:
     transparency, and at most 25 megapixels. It must not depend on an EXIF orientation, which some
     programs ignore. It must hold all pixels that it declares, and nothing behind them.
     """
-    with opened(picture, name, PLAIN_FORMATS) as found:
+    with open_picture(picture, name, PLAIN_FORMATS) as found:
         if odd := [*_oddities(found, picture)]:
             raise BankError(f"'{name}' {'; it '.join(odd)}")
         pixels = np.asarray(found, dtype=np.uint8)
-        if odd := [one.words for one in damages(picture, str(found.format), pixels)]:
+        if odd := [damage.words for damage in damages(picture, str(found.format), pixels)]:
             raise BankError(f"'{name}' {'; it '.join(odd)}")
         return MEDIA_TYPES[str(found.format)]
 
@@ -90,12 +90,12 @@ def made_plain(
     dropped. ``longest`` is the most pixels of its longer side. Without a conversion there are no
     words. Raises BankError if it is no picture, or has more than 16 bits.
     """
-    with opened(picture, name, FORMATS) as found:
+    with open_picture(picture, name, FORMATS) as found:
         done = [f"first of {frames}"] if (frames := getattr(found, "n_frames", 1)) > 1 else []
         deep = _is_deep(found, picture)
-        for one in damages(picture, str(found.format), np.asarray(found.convert("RGB"), dtype=np.uint8)):
-            if one.lost:
-                raise BankError(f"'{name}' {one.words}")
+        for damage in damages(picture, str(found.format), np.asarray(found.convert("RGB"), dtype=np.uint8)):
+            if damage.lost:
+                raise BankError(f"'{name}' {damage.words}")
             done.append("bytes behind it")
         if found.mode == "F" or (found.mode == "I" and found.format != "PNG"):
             raise BankError(f"'{name}' has more than 16 bits a channel, and its white is unknown; save it with 8")

@@ -331,11 +331,11 @@ class Guardian:
 
     async def _let_go(self) -> None:
         loop = asyncio.get_running_loop()
-        asked = tuple(self._tasks)
-        for task in asked:
+        tasks = tuple(self._tasks)
+        for task in tasks:
             task.cancel()
-        if asked:
-            await asyncio.wait(asked, timeout=_CLOSING_S / 2)
+        if tasks:
+            await asyncio.wait(tasks, timeout=_CLOSING_S / 2)
         for model in self.models.values():
             try:
                 async with asyncio.timeout(_CLOSING_S / 2):

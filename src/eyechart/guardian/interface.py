@@ -106,7 +106,7 @@ def interface_of(frozen: FrozenGuardian) -> Interface:
         return prompt.query(Stimulus.of(picture), seed, SCENES)
 
     def read(reply: Reply) -> tuple[Vote, str]:
-        found = read_vote(reply, close_m)
-        return found.hazard, "" if found.hazard is not None else f"no vote: {found}"
+        vote = read_vote(reply, close_m)
+        return vote.hazard, "" if vote.hazard is not None else f"no vote: {vote}"
 
     return Interface(about.view, prompt.key, VOTED.reader, views, query, read)

@@ -28,7 +28,7 @@ class Member(JsonRecord):
     guards: tuple[str, ...]
 
     @property
-    def doubtful(self) -> bool:
+    def is_doubtful(self) -> bool:
         """Return whether the member has any known fault."""
         return bool(self.missing or self.clauses or self.guards)
 
@@ -63,7 +63,7 @@ def members_of(
             missing=table.missing(model),
             contradicting=reasons[model].get("contradicts_itself", 0),
             reasons=reasons[model],
-            clauses=tuple(one.name for one in scores[model].models[model].clauses if not one.passes),
+            clauses=tuple(clause.name for clause in scores[model].models[model].clauses if not clause.passes),
             guards=tuple(one.name for one in scores[model].guards[model] if one.holds is False),
         )
         for model in committee

@@ -22,29 +22,29 @@ MOST_ROWS = 3000
 _SIGNS = {1: "●", 0: "○", -1: "×"}
 
 
-def guardian_page(found: GuardianScore, bank: FrameBank | None) -> Page:
+def guardian_page(score: GuardianScore, bank: FrameBank | None) -> Page:
     """Return a score as a page; without a ``bank`` it shows no pictures, and says so.
 
     The same score gives the same bytes.
     """
-    frozen, table = found.frozen, found.table
-    pictures, note = _pictures(found, bank)
-    votes = _votes(found)
+    frozen, table = score.frozen, score.table
+    pictures, note = _pictures(score, bank)
+    votes = _votes(score)
     listed = sum(len(rows) for _, rows in votes)
-    drawn = curve(found)
+    drawn = curve(score)
     html = fill(
         "guardian.html",
         styles=("guardian.css",),
-        answer=opening(found),
+        answer=opening(score),
         frozen=frozen,
         frames=len(table.frames),
         episodes=len(set(table.episodes)),
-        warnings=found.warnings,
-        points=guardian_table(found),
-        lines=list(score_lines(found, bounds=False))[1:],
+        warnings=score.warnings,
+        points=guardian_table(score),
+        lines=list(score_lines(score, bounds=False))[1:],
         curve=drawn,
-        bound=[] if found.bound is None else list(bound_lines(found.bound)),
-        missed=len(found.missed),
+        bound=[] if score.bound is None else list(bound_lines(score.bound)),
+        missed=len(score.missed),
         hazards=int(table.hazard.sum()),
         note=note,
         pictures=pictures,
@@ -110,12 +110,12 @@ def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawi
     return Drawing("guardian-curve", "Risk by coverage", ". ".join(told), figure)
 
 
-def _votes(found: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:
+def _votes(score: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:
     """Return the frames by episode, each with its votes and its outcome."""
-    table, own = found.table, found.table.of(found.frozen.committee)
+    table, own = score.table, score.table.of(score.frozen.committee)
     episodes: dict[str, list[dict[str, object]]] = {}
     for place, frame in enumerate(table.frames[:MOST_ROWS]):
-        hazard, answer = bool(table.hazard[place]), found.answers[frame]
+        hazard, answer = bool(table.hazard[place]), score.answers[frame]
         wrong = {("clear", True): "missed", ("hazard", False): "alarm"}.get((answer, hazard), "right")
         episodes.setdefault(table.episodes[place], []).append(
             {
@@ -129,32 +129,32 @@ def _votes(found: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:
     return sorted(episodes.items())
 
 
-def _pictures(found: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[str, object]], str]:
+def _pictures(score: GuardianScore, bank: FrameBank | None) -> tuple[list[dict[str, object]], str]:
     """Return the views of the first missed frames, and notes on them."""
-    if not found.missed:
+    if not score.missed:
         return [], ""
     if bank is None:
         return [], "To see their pictures, give the bank with --frames."
-    table = found.table
+    table = score.table
     shown: list[dict[str, object]] = []
-    for frame in found.missed[:MOST_PICTURES]:
+    for frame in score.missed[:MOST_PICTURES]:
         place = table.frames.index(frame)
-        said = table.of(found.frozen.committee)[:, place]
+        said = table.of(score.frozen.committee)[:, place]
         views = [
-            (view, view_uri(picture), _said(found.frozen.committee, said[:, number_of].tolist()))
-            for number_of, (view, picture) in enumerate(zip(VIEWS, _views(found, bank, frame), strict=False))
+            (view, view_uri(picture), _said(score.frozen.committee, said[:, number_of].tolist()))
+            for number_of, (view, picture) in enumerate(zip(VIEWS, _views(score, bank, frame), strict=False))
         ]
         shown.append({"frame": frame, "episode": table.episodes[place], "views": views})
-    more = len(found.missed) - len(shown)
+    more = len(score.missed) - len(shown)
     return shown, f"The first {len(shown)} are shown; {more} more are in the table of votes." if more else ""
 
 
-def _views(found: GuardianScore, bank: FrameBank, frame_id: str) -> Sequence[bytes]:
+def _views(score: GuardianScore, bank: FrameBank, frame_id: str) -> Sequence[bytes]:
     """Return the models' view of a frame; without a known view, the picture and its reflection."""
     frame = bank.frame(frame_id)
     image = bank.recorded(frame)
     try:
-        return interface_of(found.frozen).views(image)
+        return interface_of(score.frozen).views(image)
     except EyechartError:
         if frame.mirror_axis == "none":
             return (image,)
@@ -183,10 +183,10 @@ def row_names(frozen: FrozenGuardian) -> dict[str, str]:
     }
 
 
-def guardian_table(found: GuardianScore) -> Table:
+def guardian_table(score: GuardianScore) -> Table:
     """Return the rows of Table t:positive-guardian: best single model, three operating points."""
-    named, own = row_names(found.frozen), found.frozen.point
-    rows = tuple((Mark(name, "", "*" if key == own else ""), *_cells(found.rows[key])) for key, name in named.items())
+    named, own = row_names(score.frozen), score.frozen.point
+    rows = tuple((Mark(name, "", "*" if key == own else ""), *_cells(score.rows[key])) for key, name in named.items())
     caption = "Best single model of the calibration, and the guardian at each operating point"
     return Table("points", caption, _COLUMNS, rows, "* frozen: the guardian's own operating point")
 
@@ -199,9 +199,9 @@ def paper_table(found: GuardianScore) -> Table:
     return Table("", "", named, rows).labelled("t:positive-guardian", caption)
 
 
-def tests_table(found: GuardianScore) -> Table:
+def tests_table(score: GuardianScore) -> Table:
     """Return the two tests of the two-way point against the best single model."""
-    exact, whole = found.mcnemar, found.over_episodes
+    exact, whole = score.mcnemar, score.over_episodes
     corrected, made = (exact.b, exact.c) if isinstance(exact, DiscordantPairs) else (0, 0)
     rows = (("exact McNemar", corrected, made, exact.p), ("signs of episodes flipped", None, None, whole.p))
     named = (Column("test"), *columns("count", "corrected", "made"), Column("p", "p"))
@@ -218,14 +218,14 @@ def replay_table(found: ModularReplay) -> Table:
         "answered": found.answered,
         "equivariance": found.equivariance,
     }
-    rows = tuple((name, one) for name, one in shares.items())
+    rows = tuple((name, share) for name, share in shares.items())
     caption = "Modular replay: the guardian brakes, a deterministic reader keeps the sides"
     return Table("modular", caption, (Column("share"), Column("value", "estimate")), rows)
 
 
-def nested_table(found: NestedFit) -> Table:
+def nested_table(fit: NestedFit) -> Table:
     """Return the pooled row of nested leave-one-episode-out."""
-    row = ("nested leave-one-episode-out", *_cells(found.pooled), f"{found.agreed} of {len(found.folds)}")
+    row = ("nested leave-one-episode-out", *_cells(fit.pooled), f"{fit.agreed} of {len(fit.folds)}")
     return Table("nested", "Committees chosen without each episode", (*_COLUMNS, Column("folds alike")), (row,))
 
 
@@ -255,31 +255,31 @@ def choice_lines(frozen: FrozenGuardian) -> Iterator[str]:
         yield f"not recorded, so a change of it cannot be noticed: {', '.join(lacking)}"
 
 
-def score_lines(found: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
+def score_lines(score: GuardianScore, *, bounds: bool = True) -> Iterator[str]:
     """Yield sentences on intervals, test, curve, misses and ``bounds``."""
-    corrected, made = (found.mcnemar.b, found.mcnemar.c) if isinstance(found.mcnemar, DiscordantPairs) else (0, 0)
-    p, whole = found.mcnemar.p, found.over_episodes
+    corrected, made = (score.mcnemar.b, score.mcnemar.c) if isinstance(score.mcnemar, DiscordantPairs) else (0, 0)
+    p, whole = score.mcnemar.p, score.over_episodes
     exact = f" ({p:.3g})" if p is not None and p < 0.0001 else ""
-    yield f"* the guardian's own operating point; intervals: {_method(found)}"
+    yield f"* the guardian's own operating point; intervals: {_method(score)}"
     yield (
         f"Two-way against the single model: {corrected} errors corrected, {made} made; exact McNemar p "
         f"{p_value(p)}{exact}, frames taken as independent"
     )
     yield f"The same by flipping the signs of whole episodes' differences: p {p_value(whole.p)} (n {whole.n})"
-    curve = ", ".join(f"{one.answered / one.frames:.3f}: {one.wrong / one.answered:.3f}" for one in found.curve)
+    curve = ", ".join(f"{one.answered / one.frames:.3f}: {one.wrong / one.answered:.3f}" for one in score.curve)
     yield f"Risk by coverage, from the surest frames: {curve}"
-    shown = ", ".join(found.missed[:_SHOWN]) + (", …" if len(found.missed) > _SHOWN else "")
-    yield f"Hazards called clear: {len(found.missed)}{f' ({shown})' if shown else ''}"
-    if found.incomplete:
-        yield f"{found.incomplete} frames lack votes; missing votes never count as clear"
-    if bounds and found.bound is not None:
-        yield from bound_lines(found.bound)
+    shown = ", ".join(score.missed[:_SHOWN]) + (", …" if len(score.missed) > _SHOWN else "")
+    yield f"Hazards called clear: {len(score.missed)}{f' ({shown})' if shown else ''}"
+    if score.incomplete:
+        yield f"{score.incomplete} frames lack votes; missing votes never count as clear"
+    if bounds and score.bound is not None:
+        yield from bound_lines(score.bound)
 
 
-def _method(found: GuardianScore) -> str:
+def _method(score: GuardianScore) -> str:
     """Return the method of the table's intervals, by column if they differ, or why one has none."""
     made = dict[str, list[str]]()
-    for row in found.rows.values():
+    for row in score.rows.values():
         for name, one in row.items():
             how = one.method if one.ci is not None else f"none, because {one.note or 'no class was answered'}"
             if name not in made.setdefault(how, []):
@@ -287,44 +287,44 @@ def _method(found: GuardianScore) -> str:
     return next(iter(made)) if len(made) == 1 else "; ".join(f"{', '.join(by)}: {how}" for how, by in made.items())
 
 
-def bound_lines(found: Bound) -> Iterator[str]:
+def bound_lines(bound: Bound) -> Iterator[str]:
     """Yield sentences on each bound, its number of episodes, and where it holds."""
-    per_frame = found.frame_rate
-    if found.rate.ci is None or found.any_miss.ci is None or not isinstance(per_frame, UpperBound) or not per_frame.ci:
-        yield f"no bound: {found.rate.note}; {found.needed_at_best} episodes without a miss would bound it by 1 %"
+    per_frame = bound.frame_rate
+    if bound.rate.ci is None or bound.any_miss.ci is None or not isinstance(per_frame, UpperBound) or not per_frame.ci:
+        yield f"no bound: {bound.rate.note}; {bound.needed_at_best} episodes without a miss would bound it by 1 %"
         return
-    at = f"at {100 * found.confidence:g} % confidence"
+    at = f"at {100 * bound.confidence:g} % confidence"
     yield (
-        f"Missed-hazard rate per episode ({ESTIMANDS['missed_hazard_rate']}): {number(found.rate.value, 4)}, at most "
-        f"{found.rate.ci[1]:.4f} {at}, from {found.episodes} episodes"
+        f"Missed-hazard rate per episode ({ESTIMANDS['missed_hazard_rate']}): {number(bound.rate.value, 4)}, at most "
+        f"{bound.rate.ci[1]:.4f} {at}, from {bound.episodes} episodes"
     )
     yield (
         f"Missed-hazard rate per frame ({ESTIMANDS['missed_hazard_rate_per_frame']}): "
         f"{number(per_frame.value, 4)}, at most {per_frame.ci[1]:.4f} {at}, from {per_frame.n} "
-        f"hazardous frames of {found.episodes} episodes, none of more than {per_frame.longest} frames"
+        f"hazardous frames of {bound.episodes} episodes, none of more than {per_frame.longest} frames"
     )
     yield (
-        f"Episodes with any miss ({ESTIMANDS['any_miss_in_an_episode']}): {number(found.any_miss.value, 4)}, at most "
-        f"{found.any_miss.ci[1]:.4f} {at}, from {found.episodes} episodes; for 1 % it needs {found.needed} episodes "
-        f"without a further miss ({found.needed_at_best} without any)"
+        f"Episodes with any miss ({ESTIMANDS['any_miss_in_an_episode']}): {number(bound.any_miss.value, 4)}, at most "
+        f"{bound.any_miss.ci[1]:.4f} {at}, from {bound.episodes} episodes; for 1 % it needs {bound.needed} episodes "
+        f"without a further miss ({bound.needed_at_best} without any)"
     )
-    kept = found.conformal_threshold
+    kept = bound.conformal_threshold
     threshold = "no two-way threshold" if kept is None else f"a two-way threshold of at most {kept}"
-    risks = ", ".join(f"{place}: {risk:.3f}" for place, risk in enumerate(found.conformal, 1))
+    risks = ", ".join(f"{place}: {risk:.3f}" for place, risk in enumerate(bound.conformal, 1))
     yield (
         f"In expectation only (conformal risk control, no confidence; {ESTIMANDS['conformal']}): at most "
-        f"{found.risk:g} with {threshold}; by threshold {risks}"
+        f"{bound.risk:g} with {threshold}; by threshold {risks}"
     )
-    yield f"The bounds are {found.scope}"
+    yield f"The bounds are {bound.scope}"
 
 
-def nested_lines(found: NestedFit) -> Iterator[str]:
+def nested_lines(fit: NestedFit) -> Iterator[str]:
     """Yield sentences on the choices of the folds."""
     kinds: dict[tuple[tuple[str, ...], int, str], list[str]] = {}
-    for episode, chosen in found.folds.items():
+    for episode, chosen in fit.folds.items():
         kinds.setdefault(chosen, []).append(episode)
     for (committee, threshold, point), episodes in sorted(kinds.items(), key=lambda one: -len(one[1])):
-        yield f"{len(episodes)}/{len(found.folds)} folds: {' + '.join(committee)}, hazard from {threshold}, {point}"
+        yield f"{len(episodes)}/{len(fit.folds)} folds: {' + '.join(committee)}, hazard from {threshold}, {point}"
 
 
 def replay_lines(found: ModularReplay) -> Iterator[str]:

@@ -95,14 +95,14 @@ def _named(path: Path, table: SourceTable) -> dict[str, str]:
 
 def _meant(where: str, row: Row, named: Mapping[str, str]) -> Row:
     """Return a row by its columns' meanings; raises SourceError if two filled ones coincide."""
-    found: dict[str, Cell] = {}
+    cells: dict[str, Cell] = {}
     for name, cell in row.items():
         means = named.get(name) or meaning(name)
-        if cell is not None and found.get(means) is not None:
+        if cell is not None and cells.get(means) is not None:
             raise SourceError(f"{where} has two columns for {means}, '{name}' among them: leave one out")
         if cell is not None:
-            found[means] = cell
-    return found
+            cells[means] = cell
+    return cells
 
 
 def _answered(where: str, row: Row) -> ImportedAnswer:

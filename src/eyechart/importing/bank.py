@@ -153,11 +153,11 @@ class BankRows:
 
     def read(self, column: str, reader: Callable[[Cell, str], T], what: str) -> list[T]:
         """Read the cells of a column of ``what``; an unreadable cell is a fault, and left out."""
-        found = []
+        result = []
         for row, where in self.named():
             with self.faults.noted():
-                found.append(reader(row.get(column), f"{where}: {what}"))
-        return found
+                result.append(reader(row.get(column), f"{where}: {what}"))
+        return result
 
 
 def import_table(
@@ -244,7 +244,10 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
         }
 
     images, files = read(frame.pictures, lambda name: _under(choices, name))
-    drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
+    drawn = {
+        kind: read(counterfactual, partial(_beside, choices, kind))
+        for kind, counterfactual in frame.counterfactuals.items()
+    }
     changed = {kind: named for kind, (_, named) in drawn.items()}
     if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # it is not a separate picture
         changed.pop(_RECOLOURED), drawn.pop(_RECOLOURED)
@@ -466,14 +469,16 @@ def cells_of(kept: BankRows, choices: Choices, locate: Callable[[str, str], str]
     ``locate`` makes a path of a file's name; no picture is opened.
     """
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
-    first, *others = (one.name for one in cameras)
+    first, *others = (camera.name for camera in cameras)
     pictures = {first: _files(kept, "file", locate)}
     pictures |= {name: _files(kept, f"camera {name}", locate) for name in others}
     if choices.rig is None:
         changed = {kind: {first: _files(kept, kind, locate)} for kind in reading.PICTURED if kind in kept.places}
     else:
         names = (first, *others)
-        changed = {kind: {one: _files(kept, f"{kind} {one}", locate) for one in names} for kind in choices.rig.changed}
+        changed = {
+            kind: {name: _files(kept, f"{kind} {name}", locate) for name in names} for kind in choices.rig.changed
+        }
     _check_taken(kept, changed)
     truth, state = _truths(kept, choices), {} if choices.rig is None else _states(choices.rig, kept)
     if clash := sorted(state.keys() & {*truth, *choices.prompt_columns}):
@@ -582,7 +587,9 @@ def _states(rig: reading.SensorLayout, kept: BankRows) -> dict[str, list[tuple[f
     """Return every state of a rig by its name, for each row."""
     numbers = {
         name: [
-            kept.read(one, read_part, f"'{one}' of the state '{name}'") for one in parts if one in kept.table.columns
+            kept.read(part, read_part, f"'{part}' of the state '{name}'")
+            for part in parts
+            if part in kept.table.columns
         ]
         for name, parts in rig.state.items()
     }
@@ -706,7 +713,7 @@ def _check_steps(kept: BankRows) -> None:
 
 def _described(picture: str, frames: Sequence[Frame]) -> str:
     """Return the description of the pictures: as given, or by their cameras if several."""
-    names = [one.name for one in frames[0].cameras] if frames else []
+    names = [camera.name for camera in frames[0].cameras] if frames else []
     if picture != UNDESCRIBED or len(names) < 2:
         return picture
     return f"pictures of {len(names)} cameras ({', '.join(names)})"

@@ -167,12 +167,12 @@ def read_truth(cells: Sequence[Cell], named: Iterable[str], *, typed: bool, faul
     kinds = {float if type(cell) is int else type(cell) for cell in have}
     if len(kinds) > 1:
         return [None if cell is None else str(cell) for cell in cells]
-    found: list[Scalar] = []
+    result: list[Scalar] = []
     for cell, what in zip(cells, named, strict=True):
-        found.append(None)
+        result.append(None)
         with faults.noted():
-            found[-1] = _finite(cell, what)
-    return found
+            result[-1] = _finite(cell, what)
+    return result
 
 
 def _numbers(cells: Sequence[Cell]) -> list[float] | None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 
 from eyechart.conditions import CONDITIONS
-from eyechart.errors import BankError, SpecError, meant, perhaps, raising
+from eyechart.errors import BankError, SpecError, did_you_mean, raising, suggestion
 from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
 from eyechart.importing.cells import plain_name
 from eyechart.importing.faults import Faults
@@ -17,7 +17,7 @@ from eyechart.importing.tables import SourceTable
 from eyechart.spaces.discrete import read_toml
 from eyechart.spaces.motion import MotionSpace
 
-PICTURED = tuple(name for name, one in CONDITIONS.items() if "counterfactual" in one.needs)
+PICTURED = tuple(name for name, condition in CONDITIONS.items() if "counterfactual" in condition.needs)
 """Places of counterfactual pictures, which change one thing of the moment; a cell may be empty."""
 
 ROLES: dict[str, tuple[str, ...]] = {
@@ -153,11 +153,13 @@ def _require_axes(rig: SensorLayout) -> None:
 
 
 def _require_changed_alike(cameras: Sequence[CameraColumn]) -> None:
-    for one in cameras:
-        if one.changed.keys() != cameras[0].changed.keys():
-            raise BankError(f"camera '{one.name}' has other pictures with one thing changed than '{cameras[0].name}'")
-        if unknown := sorted(one.changed.keys() - set(PICTURED)):
-            raise BankError(f"camera '{one.name}': changed.{unknown[0]} is none of {', '.join(PICTURED)}")
+    for camera in cameras:
+        if camera.changed.keys() != cameras[0].changed.keys():
+            raise BankError(
+                f"camera '{camera.name}' has other pictures with one thing changed than '{cameras[0].name}'"
+            )
+        if unknown := sorted(camera.changed.keys() - set(PICTURED)):
+            raise BankError(f"camera '{camera.name}': changed.{unknown[0]} is none of {', '.join(PICTURED)}")
 
 
 def places(
@@ -176,18 +178,18 @@ def places(
     """
     roles = {place: names for place, names in ROLES.items() if rig is None or place not in {*PICTURED, "mirror"}}
     of_rig = {} if rig is None else rig.places()
-    found = _given(of_rig, asked, roles, table, faults)
-    for place in (one for one in roles if one not in of_rig and one not in asked):
+    result = _given(of_rig, asked, roles, table, faults)
+    for place in (role for role in roles if role not in of_rig and role not in asked):
         usual = () if place in own else (*roles[place], *USUAL.get(place, ()))
-        found[place] = _called(roles[place], usual, table.columns, {*found.values(), *kept})
-        if found[place] not in roles[place]:
-            _require_one(place, found[place], table, faults)
-    if not (found.get("file") or of_rig or asked.get("file")):
+        result[place] = _called(roles[place], usual, table.columns, {*result.values(), *kept})
+        if result[place] not in roles[place]:
+            _require_one(place, result[place], table, faults)
+    if not (result.get("file") or of_rig or asked.get("file")):
         lacking = f"{table.name} has no column 'file'; name the pictures' column with --map file=COLUMN"
         faults.add(f"{lacking}; {_has(table.columns)}")
-    found = {place: found[place] for place in (*roles, *of_rig) if found.get(place)}
-    _require_once(found, faults)
-    return found
+    result = {place: result[place] for place in (*roles, *of_rig) if result.get(place)}
+    _require_once(result, faults)
+    return result
 
 
 def _require_one(place: str, column: str, table: SourceTable, faults: Faults) -> None:
@@ -202,23 +204,23 @@ def _given(
     of_rig: Mapping[str, str], asked: Mapping[str, str], roles: Collection[str], table: SourceTable, faults: Faults
 ) -> dict[str, str]:
     """Return the columns that a rig and ``--map`` name; an unknown place or column is a fault."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for place, column in asked.items():
         if place not in roles:
-            known = f"{', '.join(roles)}{perhaps(place, roles)}"
+            known = f"{', '.join(roles)}{suggestion(place, roles)}"
             faults.add(f"--map {place}={column}: there is no place '{place}'; places are {known}")
         elif column and column not in table.columns:
             faults.add(f"--map {place}={column}: {no_column(column, table.columns, table.name)}")
         else:
-            found[place] = column
+            result[place] = column
     for place, column in of_rig.items():
         if column not in table.columns:
             faults.add(
                 f"--rig: the {place} is declared as column '{column}': {no_column(column, table.columns, table.name)}"
             )
         else:
-            found[place] = column
-    return found
+            result[place] = column
+    return result
 
 
 def _require_once(found: Mapping[str, str], faults: Faults) -> None:
@@ -237,7 +239,7 @@ def _called(own: Sequence[str], usual: Sequence[str], columns: Sequence[str], ta
 
 def no_column(column: str, columns: Sequence[str], table: str) -> str:
     """Return the message of an unknown column, with the nearest and with all columns."""
-    return f"{table} has no column '{column}';{meant(column, columns)} {_has(columns)}"
+    return f"{table} has no column '{column}';{did_you_mean(column, columns)} {_has(columns)}"
 
 
 def _has(columns: Sequence[str]) -> str:

@@ -65,7 +65,11 @@ def _columns_taken(bank: FrameBank) -> Iterator[str]:
     """Yield the columns with other names than their places: given ones, and guessed ones."""
     columns = bank.manifest.settings.get("columns")
     own = {(place, of) for place, names in reading.ROLES.items() for of in names}
-    found = {} if not isinstance(columns, dict) else {one: columns[one] for one in columns if one in reading.ROLES}
+    found = (
+        {}
+        if not isinstance(columns, dict)
+        else {column: columns[column] for column in columns if column in reading.ROLES}
+    )
     unit = f" in {bank.manifest.gap.unit}" if bank.manifest.gap is not None else ""
     said = {
         place: f"{place} from '{of}'{unit if place == 'gap' else ''}"
@@ -169,7 +173,9 @@ def _nearly_one(bank: FrameBank) -> Iterator[str]:
     """Yield names and columns that differ from others only in case or leading zeros."""
     for place, names in (("episode", {one.episode for one in bank}), ("scenario", {one.scenario for one in bank})):
         first: dict[str, str] = {}
-        pairs = [(other, one) for one in sorted(names) if (other := first.setdefault(loosely_alike(one), one)) != one]
+        pairs = [
+            (other, name) for name in sorted(names) if (other := first.setdefault(loosely_alike(name), name)) != name
+        ]
         if pairs and place not in bank.manifest.absent:
             more = f", as do {len(pairs) - 1} more" if len(pairs) > 1 else ""
             yield (
@@ -235,7 +241,7 @@ def _price_of_scenarios(bank: FrameBank, column: str) -> str:
 def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
     """Return a policy bank's motions, the tests that it cannot support, and oddities of its log."""
     steps, wide = motion.shape
-    relative = sum(one.state is not None for one in motion.dimensions)
+    relative = sum(dimension.state is not None for dimension in motion.dimensions)
     rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
     kind = f"{motion.kind}, {relative} relative to the state" if motion.kind in PLACES else motion.kind
     lines = [f"motions: {steps} steps of {wide} numbers{rate}, {kind}"]
@@ -262,7 +268,7 @@ def _costs_of_reflection(bank: FrameBank, motion: MotionSpace) -> Iterator[str]:
     if (why := conditions_of(bank)[1].get("mirrored")) is not None:
         yield f"mirrored: {why}" + ("" if motion.mirrored else "; declare it in [reflection] of a --rig")
         return
-    said = {str(one) for frame in bank for one in frame.fields.values()}
+    said = {str(field) for frame in bank for field in frame.fields.values()}
     sided = sorted(one for one in said if _SIDES.search(one) and motion.reflect_text(one) == one)
     if sided:
         words = 'declare exchanged words in [reflection.words], such as left = "right"'

@@ -55,7 +55,7 @@ class EpisodeFiles(DataSetLayout):
             once(lengths, line.episode_index, line.length, f"{path}: the length of episode {line.episode_index}")
         if not lengths:
             raise SourceError(f"{path} has no episode: is the data set complete?")
-        clips = {camera: {one: self._clip(camera, one, info) for one in lengths} for camera in cameras}
+        clips = {camera: {length: self._clip(camera, length, info) for length in lengths} for camera in cameras}
         require_own(clips, self.root)
         return EpisodeTable(lengths, clips)
 
@@ -66,12 +66,12 @@ class EpisodeFiles(DataSetLayout):
 
     def tasks(self) -> dict[int, str]:
         """Return the words of each task; empty without their file."""
-        found: dict[int, str] = {}
+        result: dict[int, str] = {}
         for line in self._lines(self.TASKS, _Task):
             if not is_nothing(line.task):
                 where = f"{self.root / self.TASKS}: the words of task {line.task_index}"
-                once(found, line.task_index, line.task, where)
-        return found
+                once(result, line.task_index, line.task, where)
+        return result
 
     def task_column(self, columns: Sequence[str]) -> str:
         """Return the column of GR00T's description of the task, else LeRobot's own."""
@@ -97,8 +97,8 @@ class EpisodeFiles(DataSetLayout):
         for number, line in enumerate(raw.splitlines(), 1):
             if line.strip():
                 with raising(SourceError, f"{path}, line {number}", of=_MALFORMED):
-                    found = decoder.decode(line)
-                yield found
+                    lines = decoder.decode(line)
+                yield lines
 
 
 _MALFORMED: tuple[Any, ...] = (msgspec.MsgspecError, ValueError, RecursionError)

@@ -115,13 +115,13 @@ def _opened(path: Path) -> Iterator[tuple[zipfile.ZipFile, IO[bytes]]]:
 def _read(archive: zipfile.ZipFile, file: IO[bytes], entry: zipfile.ZipInfo, path: Path) -> bytes:
     """Return the unpacked bytes of a log's file, within the bound."""
     if entry.compress_type == _ZSTD:
-        found = _unpacked(file, entry)
+        result = _unpacked(file, entry)
     else:
         with archive.open(entry) as packed:
-            found = packed.read(MOST_SAMPLE + 1)
-    if len(found) > MOST_SAMPLE:
+            result = packed.read(MOST_SAMPLE + 1)
+    if len(result) > MOST_SAMPLE:
         raise SourceError(f"{path}: {printable(entry.filename)} has more than {MOST_SAMPLE} bytes")
-    return found
+    return result
 
 
 def _unpacked(file: IO[bytes], entry: zipfile.ZipInfo) -> bytes:
@@ -152,14 +152,14 @@ def _whole(path: Path) -> Mapping[str, Any]:
 def _object(text: bytes, path: Path, name: str) -> Mapping[str, Any]:
     """Return a JSON object; raises SourceError for another value, or text that is not UTF-8."""
     try:
-        found = parse_json(text)
+        result = parse_json(text)
         if b"\\u" in text:
-            json.dumps(found, ensure_ascii=False).encode()  # half of a surrogate pair is no text
+            json.dumps(result, ensure_ascii=False).encode()  # half of a surrogate pair is no text
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path}: {printable(name)} is no JSON: {printable(str(error))}") from error
-    if not isinstance(found, dict):
-        raise SourceError(f"{path}: {printable(name)} is a {type(found).__name__}, no JSON object")
-    return found
+    if not isinstance(result, dict):
+        raise SourceError(f"{path}: {printable(name)} is a {type(result).__name__}, no JSON object")
+    return result
 
 
 def _list(value: object, path: Path) -> list[object]:
@@ -222,8 +222,8 @@ def _said(content: object) -> tuple[str, str]:
     if isinstance(content, str):
         return content, ""
     parts = [one for one in content if isinstance(one, dict)] if isinstance(content, list) else []
-    text = "".join(_words(one.get("text")) for one in parts if one.get("type") == "text")
-    return text, "".join(_words(one.get("reasoning")) for one in parts if one.get("type") == "reasoning")
+    text = "".join(_words(part.get("text")) for part in parts if part.get("type") == "text")
+    return text, "".join(_words(part.get("reasoning")) for part in parts if part.get("type") == "reasoning")
 
 
 def _part(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:

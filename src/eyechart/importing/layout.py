@@ -153,15 +153,15 @@ class DataSetLayout:
 
     def parquets(self, inner: str) -> list[Path]:
         """Return the Parquet files of a kind, in order; raises SourceError if there is none."""
-        found = sorted(islice((self.root / inner).glob(self.DATA), MOST_FILES + 1))
-        if not found:
+        paths = sorted(islice((self.root / inner).glob(self.DATA), MOST_FILES + 1))
+        if not paths:
             raise SourceError(f"{self.root / inner} has no {self.DATA}: is the data set complete?")
-        if len(found) > MOST_FILES:
+        if len(paths) > MOST_FILES:
             raise SourceError(f"{self.root / inner} holds more than {MOST_FILES} files")
-        named = [(path, self.file(path.relative_to(self.root).as_posix())) for path in found]
+        named = [(path, self.file(path.relative_to(self.root).as_posix())) for path in paths]
         if lacking := [path for path, there in named if there is None]:
             raise SourceError(f"{lacking[0]} is a link to nothing: download the data set again")
-        return found
+        return paths
 
     def info(self) -> Info:
         """Return info.json; raises SourceError for another version than 2 or 3, or impossible values."""
@@ -216,7 +216,7 @@ class DataSetLayout:
     def tasks(self) -> dict[int, str]:
         """Return the words of each task; empty without their file."""
         path = self.file(self.TASKS)
-        found: dict[int, str] = {}
+        result: dict[int, str] = {}
         for row in () if path is None else open_parquet(path, extra="lerobot").rows():
             if (words := _words(row, str(path))) is None:
                 continue
@@ -226,8 +226,8 @@ class DataSetLayout:
                 raise SourceError(
                     f"{path}: '{words[:60]}' has the task_index {cell!r}, not a whole number of 0 or more"
                 )
-            once(found, number, words, f"{path}: the words of task {number}")
-        return found
+            once(result, number, words, f"{path}: the words of task {number}")
+        return result
 
 
 def _words(row: Row, where: str) -> str | None:
@@ -298,10 +298,10 @@ def _where(folder: Path) -> str:
 
 
 def _number(row: Mapping[str, Cell], name: str, where: Path) -> int:
-    found = whole(row.get(name))
-    if found is None:
+    result = whole(row.get(name))
+    if result is None:
         raise SourceError(f"{where}: '{name}' is {_quoted(row.get(name))}, not a whole number of 0 or more")
-    return found
+    return result
 
 
 def _quoted(cell: Cell) -> str:

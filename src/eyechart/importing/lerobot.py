@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from eyechart.errors import SourceError, SpecError, meant
+from eyechart.errors import SourceError, SpecError, did_you_mean
 from eyechart.frames import Frame, FrameBank
 from eyechart.importing.bank import (
     KIND,
@@ -188,7 +188,7 @@ def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Da
 
 def _cameras(features: Mapping[str, Feature], path: Path, said: list[str]) -> list[str]:
     """Return the cameras except depth cameras; exceptions and doubtful cases go into ``said``."""
-    found = [name for name, one in features.items() if one.is_picture]
+    found = [name for name, feature in features.items() if feature.is_picture]
     cameras = [name for name in found if not features[name].is_depth]
     if not cameras:
         depth = ", all of them marked as depths" if found else ""
@@ -213,7 +213,7 @@ def _lacks(layout: DataSetLayout, info: Info, episodes: EpisodeTable, camera: st
     clips = episodes.clips[camera]
     if not clips:
         return f"info.json lists it, but {layout.EPISODES} has no places of its videos"
-    there = any(layout.file(video) is not None for video in sorted({one.video for one in clips.values()}))
+    there = any(layout.file(video) is not None for video in sorted({clip.video for clip in clips.values()}))
     return "" if there else "info.json lists it, but none of its videos exists"
 
 
@@ -225,7 +225,7 @@ def _chosen(
     if camera is not None:
         of_name = [name for name in cameras if name == camera] or [name for name in cameras if _short(name) == camera]
         if len(of_name) != 1:
-            near = meant(camera, [*cameras, *map(_short, cameras)])
+            near = did_you_mean(camera, [*cameras, *map(_short, cameras)])
             raise SourceError(f"--camera {camera}: {path} lists no such camera;{near} there are {', '.join(cameras)}")
         if of_name[0] in lacking:
             raise SourceError(f"--camera {camera}: {lacking[of_name[0]]}; download the data set again")
@@ -266,7 +266,9 @@ def _numbers(rig: SensorLayout) -> list[str]:
 
 def _no_action(data: Dataset) -> str:
     """Return the message that no action can be read, with the features that are numbers."""
-    there = [f"'{name}' ({_sized(one)})" for name, one in data.features.items() if one.size not in {(), (1,)}]
+    there = [
+        f"'{name}' ({_sized(feature)})" for name, feature in data.features.items() if feature.size not in {(), (1,)}
+    ]
     has = f"; of numbers it has {', '.join(there[:20])}" if there else ""
     return (
         f"{data.about} lists no feature '{ACTION[0]}' of up to {MOST_COMPONENTS} numbers, but a policy is compared "
@@ -281,9 +283,9 @@ def _sized(feature: Feature) -> str:
 def _left_of_state(data: Dataset, rig: SensorLayout, taken: Sequence[str]) -> list[str]:
     """Return the observed numbers that are not in the policy's state."""
     left = [
-        f"'{name}' ({_sized(one)})"
-        for name, one in data.features.items()
-        if name.startswith(OBSERVED) and one.size and not one.is_picture and name not in taken
+        f"'{name}' ({_sized(feature)})"
+        for name, feature in data.features.items()
+        if name.startswith(OBSERVED) and feature.size and not feature.is_picture and name not in taken
     ]
     more = f", and {len(left) - 20} more" if len(left) > 20 else ""
     has = " and ".join(f"'{name}'" for name in taken) if rig.state else "nothing"
@@ -319,7 +321,7 @@ def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayo
 _BY_NAMES = "the names say"
 
 
-def _kind(told: LogDescription, ahead: Horizon, named: Sequence[int | None]) -> tuple[Kind, str]:
+def _kind(description: LogDescription, ahead: Horizon, named: Sequence[int | None]) -> tuple[Kind, str]:
     """Return the kind of the motions and its source: the user, the data, or the state's names.
 
     Names count only for numbers that are no farther from the state's than their spread: one name
@@ -327,12 +329,12 @@ def _kind(told: LogDescription, ahead: Horizon, named: Sequence[int | None]) -> 
     """
     if ahead.kind is not None:
         return ahead.kind, "--kind says"
-    if told.kind is not None:
-        return told.kind, "the data tell"
-    if None not in named and (told.ratio is None or told.ratio <= CHANGES_ABOVE):
+    if description.kind is not None:
+        return description.kind, "the data tell"
+    if None not in named and (description.ratio is None or description.ratio <= CHANGES_ABOVE):
         return "absolute", _BY_NAMES
     raise SourceError(
-        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({told.why()}): give it with "
+        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({description.why()}): give it with "
         "--kind delta, absolute, velocity or waypoints"
     )
 
@@ -350,7 +352,9 @@ def _require_cameras(data: Dataset, rig: SensorLayout) -> None:
     there, named = [_short(name) for name in data.reels], [one.name for one in rig.camera]
     for name in named:
         if name not in there:
-            raise SpecError(f"--rig names a camera '{name}';{meant(name, there)} the bank has {', '.join(there)}")
+            raise SpecError(
+                f"--rig names a camera '{name}';{did_you_mean(name, there)} the bank has {', '.join(there)}"
+            )
     if rig.reflection is not None and (lacking := [name for name in there if name not in named]):
         raise SpecError(f"[reflection] of --rig needs the mirror_axis of every camera; '{lacking[0]}' is not named")
 
@@ -368,8 +372,8 @@ def _features_of(data: Dataset, ahead: Horizon) -> tuple[Sequence[str], Sequence
     for option, names in (("--state", ahead.state), ("--action", ahead.action)):
         for name in names:
             if not _columns(data.features, name):
-                numbers = [one for one in data.features if _columns(data.features, one)]
-                near = meant(name, numbers)
+                numbers = [feature for feature in data.features if _columns(data.features, feature)]
+                near = did_you_mean(name, numbers)
                 raise SourceError(
                     f"{option} {name}: {data.about} lists no such feature of up to {MOST_COMPONENTS} numbers;{near} "
                     f"there are {', '.join(numbers)}"
@@ -457,7 +461,7 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> So
         if place not in files[0].columns and not (place == STEP and data.info.is_of_episodes):
             raise SourceError(f"{files[0].path} has no column '{place}', which every LeRobotDataset has")
     task = (TASK,) if data.tasks and TASK not in files[0].columns else ()
-    count = sum(one.count for one in files)
+    count = sum(file.count for file in files)
     counted = (STEP,) if data.info.is_of_episodes and STEP not in files[0].columns else ()
     columns = (*pictured, *(name for name in files[0].columns if name not in pictured), *counted, *task)
     for many in (data.timeline.needed, data.timeline.counted):
@@ -525,11 +529,11 @@ def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> It
     reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[MissingPicture]]()
     for frame, *pictures in zip(frames, *reels, strict=True):
         shown = {}
-        for one, picture in zip(frame.cameras, pictures, strict=True):
+        for camera, picture in zip(frame.cameras, pictures, strict=True):
             if isinstance(picture, MissingPicture):
-                missed.setdefault(one.name, []).append(picture)
+                missed.setdefault(camera.name, []).append(picture)
             else:
-                shown[one.name] = picture
+                shown[camera.name] = picture
         if len(shown) == len(pictures):
             yield frame, shown, {}
     for name, many in missed.items():

@@ -37,7 +37,7 @@ def notes(bank: FrameBank) -> list[str]:
 
 def _far_in_motion(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
     """Yield the dimensions with a few far numbers: faults, and numbers that recur."""
-    frames, names, left = logs(bank), [one.name for one in space.dimensions], far_off(bank)
+    frames, names, left = logs(bank), [dimension.name for dimension in space.dimensions], far_off(bank)
     logged = [frame for frame in bank if frame.motion]
     faults = {name for many in left.values() for name in many}
     if faults:
@@ -46,7 +46,11 @@ def _far_in_motion(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
             f"motion {said}, in {len(left)} of {len(logged)} logged motions: answers are not compared with these; "
             "correct them, or declare the scale if it is a rare move"
         )
-    recur = [place for place, one in enumerate(space.dimensions) if one.name in rare(bank) - faults and not one.scale]
+    recur = [
+        place
+        for place, dimension in enumerate(space.dimensions)
+        if dimension.name in rare(bank) - faults and not dimension.scale
+    ]
     if recur:
         yield (
             f"motion {_far(frames, space, recur)}, in several episodes: a rare move, or wrong rows, which "
@@ -94,7 +98,11 @@ def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
     if not frames:
         return
     numbers = relative_log(frames, space).reshape(-1, len(space.dimensions))
-    spreads = {place: float(numbers[:, place].std()) for place, one in enumerate(space.dimensions) if one.scale is None}
+    spreads = {
+        place: float(numbers[:, place].std())
+        for place, dimension in enumerate(space.dimensions)
+        if dimension.scale is None
+    }
     if still := [place for place, spread in spreads.items() if spread <= ONE_VALUE]:
         values = ", ".join(_value(frames, space, place, float(numbers[0, place])) for place in still)
         yield (
@@ -135,7 +143,7 @@ def _frozen(bank: FrameBank) -> Iterator[str]:
         episodes[frame.drive].append(frame)
     long = [frames for frames in episodes.values() if len(frames) >= LEAST_FRAMES]
     images = bank.manifest.images
-    for name in (one.name for one in bank.frames[0].cameras):
+    for name in (camera.name for camera in bank.frames[0].cameras):
         every = [{images.get(frame.pictures[name], frame.id) for frame in frames} for frames in long]
         count = sum(len(seen) == 1 for seen in every)
         if count and len({images.get(frame.pictures[name], frame.id) for frame in bank}) > 1:
@@ -147,7 +155,7 @@ def _frozen(bank: FrameBank) -> Iterator[str]:
 
 def _doubled(bank: FrameBank) -> Iterator[str]:
     """Yield the pairs of cameras that show the same picture in most frames."""
-    images, names = bank.manifest.images, [one.name for one in bank.frames[0].cameras]
+    images, names = bank.manifest.images, [camera.name for camera in bank.frames[0].cameras]
     for one, other in combinations(names, 2):
         count = sum(images.get(frame.pictures[one], one) == images.get(frame.pictures[other], other) for frame in bank)
         if count > len(bank) / 2:

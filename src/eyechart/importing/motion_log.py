@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SourceError, SpecError, meant
+from eyechart.errors import SourceError, SpecError, did_you_mean
 from eyechart.importing.cells import Cell, Row, read_part
 from eyechart.importing.faults import Faults
 from eyechart.spaces.motion import PLACES, Dimension, Floats, Kind, MotionSpace
@@ -79,19 +79,21 @@ class Reflection(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         different parts.
         """
         found: dict[str, ReflectedNumber] = {}
-        for name, one in self.numbers.items():
+        for name, number in self.numbers.items():
             holders = [part for part in parts if name in part]
             if not holders:
                 every = [*dict.fromkeys(other for part in parts for other in part)]
-                raise SpecError(f"[reflection] names '{name}';{meant(name, every)} there are {', '.join(every)}")
+                raise SpecError(f"[reflection] names '{name}';{did_you_mean(name, every)} there are {', '.join(every)}")
             for part in holders:
-                if one.mirrors and one.mirrors not in part:
-                    raise SpecError(f"[reflection]: '{name}' mirrors '{one.mirrors}', which is not of the same numbers")
-                own, other = part[name], part[one.mirrors or name]
-                found[own] = msgspec.structs.replace(one, mirrors="" if own == other else other)
-        for column, one in list(found.items()):
-            if one.mirrors:
-                found.setdefault(one.mirrors, msgspec.structs.replace(one, mirrors=column))
+                if number.mirrors and number.mirrors not in part:
+                    raise SpecError(
+                        f"[reflection]: '{name}' mirrors '{number.mirrors}', which is not of the same numbers"
+                    )
+                own, other = part[name], part[number.mirrors or name]
+                found[own] = msgspec.structs.replace(number, mirrors="" if own == other else other)
+        for column, number in list(found.items()):
+            if number.mirrors:
+                found.setdefault(number.mirrors, msgspec.structs.replace(number, mirrors=column))
         return Reflection(found, self.words)
 
 
@@ -225,8 +227,8 @@ def tell(walks: Iterable[MotionSegment], named: Sequence[int | None]) -> LogDesc
     paired with the number that each follows most closely.
     """
     every: list[MotionSegment] = []
-    for one in walks:
-        every.append(one)
+    for walk in walks:
+        every.append(walk)
         if sum(len(each.done) for each in every) > MOST_TOLD:
             break
     return replace(_near(every, named), **_followed(every))
@@ -234,9 +236,9 @@ def tell(walks: Iterable[MotionSegment], named: Sequence[int | None]) -> LogDesc
 
 def _near(walks: Sequence[MotionSegment], named: Sequence[int | None]) -> LogDescription:
     """Return how near the numbers of a log are to those of their states."""
-    if sum(len(one.done) for one in walks) < LEAST_TOLD or not walks[0].states.shape[1]:
+    if sum(len(walk.done) for walk in walks) < LEAST_TOLD or not walks[0].states.shape[1]:
         return LogDescription(None, tuple(named))
-    done, states = (np.concatenate(many) for many in zip(*((one.done, one.states) for one in walks), strict=True))
+    done, states = (np.concatenate(many) for many in zip(*((walk.done, walk.states) for walk in walks), strict=True))
     varies = np.flatnonzero(done.std(axis=0) > _STILL * np.maximum(1, np.abs(done).max(axis=0)))
     if not len(varies):
         return LogDescription(None, tuple(named))
@@ -274,15 +276,15 @@ def _followed(walks: Sequence[MotionSegment]) -> dict[str, Any]:
     their episode, without its mean: an episode in one direction would let a place correlate with
     the changes.
     """
-    long = [one for one in walks if len(one.done) > max(WINDOWS) and one.states.shape[1]]
-    walked = sum(len(one.done) - 1 for one in long)
+    long = [walk for walk in walks if len(walk.done) > max(WINDOWS) and walk.states.shape[1]]
+    walked = sum(len(walk.done) - 1 for walk in long)
     if walked < LEAST_WALKED:
         return {"walked": walked}
-    varies: npt.NDArray[np.bool_] = np.asarray(np.concatenate([one.done for one in long]).std(axis=0) > _STILL)
+    varies: npt.NDArray[np.bool_] = np.asarray(np.concatenate([walk.done for walk in long]).std(axis=0) > _STILL)
     if not varies.any():
         return {"walked": walked}
-    change = _closest([[one.moved(width) for one in long] for width in WINDOWS])
-    same = _closest([[one.stood(later) for one in long] for later in (0, 1)])
+    change = _closest([[walk.moved(width) for walk in long] for width in WINDOWS])
+    same = _closest([[walk.stood(later) for walk in long] for later in (0, 1)])
     follows = (change >= FOLLOWS) & (change > same)
     share = [round(float(one[varies].mean()), 4) for one in (follows, (same >= ALIKE) & ~follows)]
     return {"walked": walked, "follows": share[0], "alike": share[1]}
@@ -291,16 +293,16 @@ def _followed(walks: Sequence[MotionSegment]) -> dict[str, Any]:
 def _closest(ways: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
     """Return each number's highest correlation with one of the state, over all ways of pairing."""
     together = [tuple(np.concatenate(many) for many in zip(*parts, strict=True)) for parts in ways]
-    found: Floats = np.max([_alike(done, states) for done, states in together], axis=0).max(axis=1)
-    return found
+    result: Floats = np.max([_alike(done, states) for done, states in together], axis=0).max(axis=1)
+    return result
 
 
 def _alike(done: Floats, states: Floats) -> Floats:
     """Return the correlations, shape (numbers, d), of numbers and states; 0 for constants."""
     one, other = (many - many.mean(axis=0) for many in (done, states))
     norms = np.sqrt((one**2).sum(axis=0))[:, None] * np.sqrt((other**2).sum(axis=0))[None]
-    found: Floats = np.divide(one.T @ other, norms, out=np.zeros_like(norms), where=norms > _STILL)
-    return found
+    result: Floats = np.divide(one.T @ other, norms, out=np.zeros_like(norms), where=norms > _STILL)
+    return result
 
 
 class MotionLog:
@@ -367,10 +369,10 @@ class MotionLog:
     @staticmethod
     def _unbroken(steps: "array[float]") -> list[int]:
         """Return how many consecutive rows, a step apart, begin at each row, itself included."""
-        found = [1] * len(steps)
+        result = [1] * len(steps)
         for place, (one, after) in reversed(list(enumerate(pairwise(steps)))):
-            found[place] = found[place + 1] + 1 if after == one + 1 else 1
-        return found
+            result[place] = result[place + 1] + 1 if after == one + 1 else 1
+        return result
 
     def require_some(self) -> None:
         """Raise SourceError if no frame has a motion of the whole horizon."""

@@ -88,7 +88,7 @@ def unit_of(column: str) -> str | None:
     last = _WORDS.findall(parts[-1]) if parts else []
     if len(parts) + len(last) < 3:  # a name of one word is no unit of anything
         return None
-    inner = [word for one in parts for word in (_WORDS.findall(one) if one.isalpha() else [one])]
+    inner = [word for part in parts for word in (_WORDS.findall(part) if part.isalpha() else [part])]
     within = (unit_named(word) for word in reversed(inner) if word.lower() in _WITHIN)
     return unit_named(last[-1] if len(last) > 1 else parts[-1]) or next(filter(None, within), None)
 

@@ -73,15 +73,15 @@ class _CompactProtocol:
         self.structs -= 1
         if self.structs < 0:
             raise _MalformedError(f"it has more than {MOST_STRUCTS} parts")
-        found: dict[int, tuple[int, Any]] = {}
+        result: dict[int, tuple[int, Any]] = {}
         number = 0
         while head := self._take(1)[0]:
             number = number + (head >> 4) if head >> 4 else self._whole()
             kind = head & 15
-            if number in found:
+            if number in result:
                 raise _MalformedError(f"it says field {number} twice")
-            found[number] = (kind, kind == _TRUE if kind in {_TRUE, _FALSE} else self._value(kind, depth))
-        return found
+            result[number] = (kind, kind == _TRUE if kind in {_TRUE, _FALSE} else self._value(kind, depth))
+        return result
 
     def _value(self, kind: int, depth: int) -> Any:  # noqa: ANN401 - of any type
         if depth > _MOST_NESTED:

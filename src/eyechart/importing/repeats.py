@@ -74,8 +74,8 @@ def repeats(
     holders: dict[bytes, list[str]] = defaultdict(list)
     several = len({frame.scenario for frame in frames}) > 1
     names = {drive: drive if several else many[0].episode for drive, many in episodes.items()}
-    found = []
-    for drive in sorted(episodes, key=lambda one: -len(episodes[one])):
+    result = []
+    for drive in sorted(episodes, key=lambda episode: -len(episodes[episode])):
         own = moments[drive]
         if (of := _same(own, holders, moments, read)) is None:
             for key in own:
@@ -84,8 +84,8 @@ def repeats(
             continue
         told, before = ({*chain.from_iterable(one.fields.items() for one in episodes[name])} for name in (drive, of))
         pairs = [(one, moments[of][key]) for key, one in own.items() if key in moments[of]]
-        found.append(Repeat(episodes[drive], names[drive], names[of], not told <= before, pairs))
-    return found
+        result.append(Repeat(episodes[drive], names[drive], names[of], not told <= before, pairs))
+    return result
 
 
 def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
@@ -135,9 +135,9 @@ def _same(
     return None
 
 
-def _alike(one: Frame, other: Frame, read: Callable[[str], bytes]) -> bool:
+def _alike(frame: Frame, other: Frame, read: Callable[[str], bytes]) -> bool:
     """Return whether all cameras of two frames show the same."""
-    return all(_seen_alike(read(file), read(other.pictures[name])) for name, file in one.pictures.items())
+    return all(_seen_alike(read(file), read(other.pictures[name])) for name, file in frame.pictures.items())
 
 
 def _seen_alike(one: bytes, other: bytes) -> bool:

@@ -164,12 +164,12 @@ def _json_row(path: Path, number: int, line: str) -> dict[str, Cell]:
 
 def _each_once(pairs: list[tuple[str, Cell]]) -> dict[str, Cell]:
     """Return an object of these pairs; raises ValueError for a repeated name."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    result = dict(pairs)
+    if len(result) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"it has '{twice}' twice; leave out one")
-    return found
+    return result
 
 
 def _parquet(path: Path, progress: Progress | None, _: Sequence[str]) -> SourceTable:

@@ -198,12 +198,12 @@ class Timeline:
 
     def ends(self, clips: Mapping[int, Clip]) -> dict[str, float]:
         """Return the second of the last row in each video."""
-        found: dict[str, float] = {}
+        result: dict[str, float] = {}
         for episode, known in self._episodes.items():
             if episode in clips and math.isfinite(known.time_s):
                 one = clips[episode]
-                found[one.video] = max(found.get(one.video, 0.0), one.start_s + known.time_s)
-        return found
+                result[one.video] = max(result.get(one.video, 0.0), one.start_s + known.time_s)
+        return result
 
 
 def _is_number(cell: Cell) -> bool:

@@ -118,9 +118,9 @@ def _decoded(path: Path, times: Sequence[float], near_s: float, end_s: float) ->
             if stream.width * stream.height > MAX_PIXELS:
                 raise SourceError(f"{path} has {stream.width}×{stream.height} pixels; the limit is {MAX_PIXELS}")
             _require_end(container, stream, path, end_s - near_s)
-            shown = _VideoReader(container, stream)
+            reader = _VideoReader(container, stream)
             for time_s in times:
-                far, picture = shown.nearest(time_s)
+                far, picture = reader.nearest(time_s)
                 yield (
                     _encoded(picture, path)
                     if far <= near_s

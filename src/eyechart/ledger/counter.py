@@ -70,8 +70,8 @@ def read_counter(ledger: Path) -> LedgerCount:
                 line = file.read(_LENGTH + 1)
         except FileNotFoundError:
             return LedgerCount()
-        if (found := _read(line)) is not None:
-            return found
+        if (result := _read(line)) is not None:
+            return result
         time.sleep(0.01 * look)
     raise LedgerError(
         f"{path} is damaged: it does not say how many calls were written; restore it, or delete it and give up "
@@ -142,8 +142,8 @@ def _line(count: LedgerCount) -> bytes:
 def _read(line: bytes) -> LedgerCount | None:
     try:
         said = json.loads(line[:_LENGTH])
-        found = LedgerCount(WrittenCounts(said["requests"], said["replies"]), WrittenCounts(*said["lost"]))
+        count = LedgerCount(WrittenCounts(said["requests"], said["replies"]), WrittenCounts(*said["lost"]))
     except (ValueError, LookupError, TypeError, RecursionError):
         return None
-    plain = all(type(one) is int and 0 <= one < _MOST for one in (*found.expected, *found.lost))
-    return found if plain and line == _line(found) else None
+    plain = all(type(one) is int and 0 <= one < _MOST for one in (*count.expected, *count.lost))
+    return count if plain and line == _line(count) else None

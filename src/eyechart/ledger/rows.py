@@ -94,7 +94,7 @@ def _real(number: float) -> float | None:
 
 
 _PUT: tuple[Callable[[Any], object], ...] = tuple(
-    _real if one.type == float | None else int if one.type == int | None else encodable for one in fields(Reply)
+    _real if field.type == float | None else int if field.type == int | None else encodable for field in fields(Reply)
 )
 """The conversion of each Reply field to a value that SQLite stores and returns unchanged."""
 _pack = msgpack.Encoder(enc_hook=str).encode  # a subclass of str is stored as text

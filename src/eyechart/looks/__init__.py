@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, did_you_mean
 from eyechart.frames import open_bank
 from eyechart.importing.costs import taken
 from eyechart.looks.answer import EXIT_CODES, Look, NextStep, PictureResult
@@ -52,7 +52,7 @@ def spec_of(given: str) -> str:
     known = top.isidentifier() and (here or find_spec(top) is not None)
     if not known and rest.isidentifier() and all(map(str.isidentifier, first.split("."))):
         raise SpecError(
-            f"unknown model '{given}';{meant(first, [*ADAPTERS, *POLICIES])} '{first}' is neither an adapter "
+            f"unknown model '{given}';{did_you_mean(first, [*ADAPTERS, *POLICIES])} '{first}' is neither an adapter "
             f"(see 'eyechart list models') nor a module: no {top}.py lies in {Path.cwd()}, and none is installed"
         )
     return f"python:{given}" if known else given
@@ -85,7 +85,7 @@ def look(wanted: LookRequest, watch: Watch) -> Look:
     if brought:
         watch.say(*taken(open_bank(bank)))
     kind = PolicyLook if acts else ModelLook
-    found = kind(wanted, bank, watch).look()
+    result = kind(wanted, bank, watch).look()
     wanted.out.mkdir(parents=True, exist_ok=True)
-    (wanted.out / SUMMARY).write_text(found.markdown(), encoding="utf-8")
-    return found
+    (wanted.out / SUMMARY).write_text(result.markdown(), encoding="utf-8")
+    return result

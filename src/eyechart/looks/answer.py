@@ -71,7 +71,7 @@ class Look(KeyedRecord):
     @property
     def commands(self) -> list[str]:
         """Return the commands of the next steps."""
-        return [one.command for one in self.next]
+        return [step.command for step in self.next]
 
     @property
     def page(self) -> str | None:
@@ -100,7 +100,7 @@ class Look(KeyedRecord):
         ]
         if self.pictures:
             rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
-            rows += [(one.shows, one.words) for one in self.pictures]
+            rows += [(picture.shows, picture.words) for picture in self.pictures]
         return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |\n" if row else "\n" for row in rows)
 
     def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
@@ -110,7 +110,7 @@ class Look(KeyedRecord):
         if self.pictures:
             yield ""
             yield from _wrapped(f"What it answers to three pictures, {self.among}:")
-        wide = max((len(one.shows) for one in self.pictures), default=0)
+        wide = max((len(picture.shows) for picture in self.pictures), default=0)
         for one in self.pictures:
             yield from _wrapped(one.words, f"  {one.shows:<{wide}}  ", " " * (wide + 4))
         if self.ended:

@@ -97,9 +97,9 @@ class ModelLook:
         if wanted.budget is not None:
             room = wanted.budget - (MOST_CALLS + self._sights.spent.calls if known is None else _asked_before(mode))
             most = affordable(most, partial(_most, planned), room)
-        found = fewest(bank, most)
-        self.watch.say(*found.lines())
-        return planned if found.frames == len(bank) else self._plan(mode, found.frames)
+        reach = fewest(bank, most)
+        self.watch.say(*reach.lines())
+        return planned if reach.frames == len(bank) else self._plan(mode, reach.frames)
 
     def _agree(self, planned: Battery, more: int) -> None:
         """Get consent to the most that will be paid, with ``more`` calls for the request mode."""
@@ -180,9 +180,9 @@ UNTESTED = "whether it follows the gap was not tested"
 
 def _holes(verdict: Verdict) -> Iterator[str]:
     """Yield the places where the answer does not hold, with counts."""
-    for one in verdict.holes:
-        where = one.where.replace("`", "")
-        yield f"Not {where}: it brakes harder for the nearer lead on {one.harder} of {one.frames} frames."
+    for hole in verdict.holes:
+        where = hole.where.replace("`", "")
+        yield f"Not {where}: it brakes harder for the nearer lead on {hole.harder} of {hole.frames} frames."
     yield from (f"Not excluded: {words}." for words in verdict.open_to)
 
 

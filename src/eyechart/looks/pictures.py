@@ -90,7 +90,9 @@ class Pictures:
         if self.photos is not None and self.table is not None:
             FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
         elif self.dataset is not None:
-            frames = sum(one or 0 for one in read_dataset(self.dataset, None, every=True).episodes.lengths.values())
+            frames = sum(
+                length or 0 for length in read_dataset(self.dataset, None, every=True).episodes.lengths.values()
+            )
             ahead, every = None if steps is None else Horizon(steps), max(1, frames // TAKEN)
             own = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, every=every)
             with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):

@@ -119,11 +119,11 @@ class PolicyLook:
     def _amiss(self) -> Look | None:
         """Return an early answer if no motion comes back; print every other fault."""
         with self.watch.bar("doctor", "calls") as move:
-            found = examine_policy(self._opened, open_bank(self.bank), tell=lambda at: move(at, MOST_CALLS))
-        wrong = [one for one in found.findings if one.fine is False]
-        self.watch.say(*(f"wrong: {one.name}: {one.says}" for one in wrong))
-        without = next((one for one in wrong if one.name == "motions"), None)
-        return None if without is None else self._unasked(found, without.says)
+            diagnosis = examine_policy(self._opened, open_bank(self.bank), tell=lambda at: move(at, MOST_CALLS))
+        wrong = [finding for finding in diagnosis.findings if finding.fine is False]
+        self.watch.say(*(f"wrong: {finding.name}: {finding.says}" for finding in wrong))
+        without = next((finding for finding in wrong if finding.name == "motions"), None)
+        return None if without is None else self._unasked(diagnosis, without.says)
 
     def _unasked(self, found: PolicyDiagnosis, why: str) -> Look:
         wanted = self.wanted
@@ -178,14 +178,14 @@ def _because(verdict: PolicyVerdict) -> str:
 def _holes(verdict: PolicyVerdict) -> Iterator[str]:
     """Yield the cameras that do not matter although others do."""
     if not verdict.guards and verdict.answer in {"Yes", "In part"}:
-        ignored = [name for name, one in verdict.cameras.items() if one.label == "ignores_camera"]
+        ignored = [name for name, camera in verdict.cameras.items() if camera.label == "ignores_camera"]
         yield from (f"Not by the {name} camera: another episode's pictures would do." for name in ignored)
 
 
 def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
-    found = scored.models[spec].statistics
+    statistics = scored.models[spec].statistics
     for name, words in SHOWN.items():
-        if (one := found.get(name)) is not None:
+        if (one := statistics.get(name)) is not None:
             yield PictureResult(words, change=one.value, ci=one.ci, n=one.n)
 
 

@@ -70,9 +70,9 @@ def fewest(bank: FrameBank, most: int) -> SampleReach:
     """Return the reach of the fewest frames that give every answer, or of ``most`` frames."""
     frames = min(SMALL, most)
     while True:
-        found = SampleReach.of(bank, frames)
-        if found.is_whole or frames == most:
-            return found
+        result = SampleReach.of(bank, frames)
+        if result.is_whole or frames == most:
+            return result
         frames = min(most, round(frames * GROWTH))
 
 

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 from eyechart import __version__
 from eyechart.calls import Query, Reply, bounded, misfit
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, did_you_mean
 from eyechart.event_loops import asyncio
 from eyechart.modes import RequestMode, each_without_secrets, read_mode, without_secrets
 
@@ -86,7 +86,7 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     adapters, listed = (POLICIES, "policies") if answering == "policy" else (ADAPTERS, "models")
     if not colon or not name or adapter not in adapters:
         known = ", ".join(f"{one}:{'MODULE:FUNCTION' if one == 'python' else 'NAME'}" for one in adapters)
-        near = f" a name comes after '{adapter}:';" if adapter in adapters else meant(adapter, adapters)
+        near = f" a name comes after '{adapter}:';" if adapter in adapters else did_you_mean(adapter, adapters)
         raise SpecError(
             f"unknown {answering} '{spec}';{near} a {answering} is given as {known}, see 'eyechart list {listed}'"
         )
@@ -149,7 +149,7 @@ def memory_here_gb() -> float | None:
         return None
 
 
-def turns_of(modes: Iterable[RequestMode], *, sequential: bool | None = None) -> tuple[tuple[str, ...], ...]:
+def sequential_groups(modes: Iterable[RequestMode], *, sequential: bool | None = None) -> tuple[tuple[str, ...], ...]:
     """Return the models in groups that run in parallel; in a group each closes before the next.
 
     By default the models of one machine share a group, and every other model has its own.
@@ -185,7 +185,7 @@ async def ask(model: Model, query: Query) -> Reply:
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
 
 
-_FIELDS = tuple(one.name for one in fields(Reply))
+_FIELDS = tuple(field.name for field in fields(Reply))
 _values = attrgetter(*_FIELDS)
 
 
@@ -216,7 +216,9 @@ def find_mode(given: Path) -> RequestMode:
         return read_mode(given)
     name, modes = str(given), known_modes()
     if name not in modes:
-        raise SpecError(f"no request mode '{name}';{meant(name, modes)} give FILE.toml, or see 'eyechart list modes'")
+        raise SpecError(
+            f"no request mode '{name}';{did_you_mean(name, modes)} give FILE.toml, or see 'eyechart list modes'"
+        )
     mode = modes[name]
     if mode.spec.startswith("openai:") and not mode.base_url:
         raise SpecError(
@@ -235,4 +237,6 @@ def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
     for name in mode.options:
         if name not in known:
             there = "; ".join(f"{option}: {says}" for option, says in known.items()) or "none"
-            raise SpecError(f"'{mode.spec}' has no option '{name}';{meant(name, known)} its options are: {there}")
+            raise SpecError(
+                f"'{mode.spec}' has no option '{name}';{did_you_mean(name, known)} its options are: {there}"
+            )

@@ -105,7 +105,7 @@ def require_text(content: object) -> None:
 def refusal_of(message: Mapping[str, object]) -> str | None:
     """Return the refusal in a message's field or its content's parts; None without a refusal."""
     said, parts = message.get("refusal"), message.get("content")
-    refused = [one.get("refusal") for one in parts if _is_refusal(one)] if isinstance(parts, list) else []
+    refused = [part.get("refusal") for part in parts if _is_refusal(part)] if isinstance(parts, list) else []
     if said and (not isinstance(said, str) or said.strip()):
         refused.append(text_of(said))
     return "".join(one for one in refused if isinstance(one, str)) if refused else None

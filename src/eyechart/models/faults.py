@@ -326,7 +326,9 @@ def _names_what_is_wrong(words: str) -> bool:
     if _DOUBT.search(words):
         return False
     sentences = re.split(r"[.!?;](?=\s)|\n", words)
-    return any((_FIELDS.search(one) and _COMPLAINTS.search(one)) or _SIZES.search(one) for one in sentences)
+    return any(
+        (_FIELDS.search(sentence) and _COMPLAINTS.search(sentence)) or _SIZES.search(sentence) for sentence in sentences
+    )
 
 
 def _is_moderated(words: str) -> bool:

@@ -109,12 +109,12 @@ class _Connector(aiohttp.TCPConnector):
         timeout: aiohttp.ClientTimeout,  # noqa: ASYNC109 - aiohttp's own
     ) -> Connection:
         """Return a connection without unread data."""
-        found = await super().connect(req, traces, timeout)
-        while found.protocol is not None and found.protocol.should_close:
-            found.close()
-            found = await super().connect(req, traces, timeout)
-        _USED.set(found.protocol)
-        return found
+        result = await super().connect(req, traces, timeout)
+        while result.protocol is not None and result.protocol.should_close:
+            result.close()
+            result = await super().connect(req, traces, timeout)
+        _USED.set(result.protocol)
+        return result
 
 
 _USED: ContextVar[ResponseHandler | None] = ContextVar("used", default=None)
@@ -207,8 +207,8 @@ class Endpoint:
         return self._session
 
 
-def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | None, str]:
-    if len(seen.body) > MOST_BYTES:
+def _judged(came: aiohttp.ClientResponse, response: Response) -> tuple[ErrorKind | None, str]:
+    if len(response.body) > MOST_BYTES:
         return "unreadable", f"the body has more than {MOST_BYTES} bytes"
     if 300 <= came.status < 400:
         where = came.headers.get("Location")
@@ -219,28 +219,28 @@ def _judged(came: aiohttp.ClientResponse, seen: Response) -> tuple[ErrorKind | N
         )
         return "gateway", f"HTTP {came.status}: {led}"
     if came.status >= 400:
-        said, message = _json_of(seen.body), error_message(seen.body, seen.scrub)
+        said, message = _json_of(response.body), error_message(response.body, response.scrub)
         kind = kind_of_status(came.status, said)
-        if seen.retry_after_s is None:
-            seen.retry_after_s = delay_s(said)
-        if seen.retry_after_s is None and kind == "rate_limited":
-            seen.retry_after_s = _reset(came.headers)
+        if response.retry_after_s is None:
+            response.retry_after_s = delay_s(said)
+        if response.retry_after_s is None and kind == "rate_limited":
+            response.retry_after_s = _reset(came.headers)
         detail = f"HTTP {came.status}: {message or came.reason}"
         return kind, with_proof(detail, came.status, said) if kind == "bad_request" else detail
     return None, ""
 
 
-def _failed(failure: Exception, seen: Response, timeout_s: float) -> tuple[ErrorKind, str]:
+def _failed(failure: Exception, response: Response, timeout_s: float) -> tuple[ErrorKind, str]:
     words = re.sub(r"://[^/\s@]*@", "://…@", f"{type(failure).__name__}: {failure}")
     if isinstance(failure, aiohttp.InvalidURL):
         return "connection", "the address of the server or of a proxy is malformed, and is not quoted"
     if isinstance(failure, aiohttp.ClientConnectorCertificateError | ssl.SSLCertVerificationError):
         return "connection", f"the server's certificate is not trusted: {words}"
     if isinstance(failure, TimeoutError):
-        came = "no byte came" if seen.first_byte_s is None else f"{len(seen.body)} bytes came"
+        came = "no byte came" if response.first_byte_s is None else f"{len(response.body)} bytes came"
         return "timeout", f"no whole reply within {timeout_s:g} s; {came}"
-    if seen.status is not None:
-        return "cut_short", f"the body ended after {len(seen.body)} bytes: {words}"
+    if response.status is not None:
+        return "cut_short", f"the body ended after {len(response.body)} bytes: {words}"
     if isinstance(failure, aiohttp.ClientConnectionError | aiohttp.ClientProxyConnectionError | OSError):
         return "connection", words
     return "unreadable", f"no HTTP response: {words}"

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import orjson
 
-from eyechart.calls import Query, Reply, concluded
+from eyechart.calls import Query, Reply, answer_from_reasoning
 from eyechart.errors import SpecError
 from eyechart.models import HERE, WEIGHTS_GB, machine_of, require_options
 from eyechart.models.energy import metered
@@ -71,7 +71,7 @@ class Ollama:
         came = await self.endpoint.post("/api/chat", payload)
         reply = _failed(came, self.name) if came.error else _read(came, self.name)
         if self.mode.answer == "reasoning":
-            reply = concluded(reply)
+            reply = answer_from_reasoning(reply)
         return self.endpoint.scrubbed(reply)
 
     async def close(self) -> None:
@@ -162,7 +162,7 @@ class _Server:
         request = urllib.request.Request(self.base_url + path, payload, headers)  # noqa: S310 - http or https by type
         handlers = [_NoRedirects(), *([urllib.request.ProxyHandler({})] if is_loopback(self.base_url) else [])]
         try:
-            found = read_json(_within(_ASKING_S, lambda: _fetched(request, handlers)))
+            result = read_json(_within(_ASKING_S, lambda: _fetched(request, handlers)))
         except ValueError as error:
             raise SpecError(f"what answers at {self.base_url} is no Ollama server: {path} gave no JSON") from error
         except (OSError, http.client.HTTPException) as error:
@@ -171,9 +171,9 @@ class _Server:
                 f"no Ollama server answers at {self.base_url} ({words}): start one with 'ollama serve', or name "
                 "another with --base-url"
             ) from error
-        if not isinstance(found, Mapping):
+        if not isinstance(result, Mapping):
             raise SpecError(f"what answers at {self.base_url} is no Ollama server: {path} gave no JSON object")
-        return found
+        return result
 
     def show(self, name: str) -> Mapping[str, object]:
         """Return the facts of a model; raises SpecError, which says how to get a missing one."""
@@ -205,9 +205,9 @@ def _facts(name: str, tags: Mapping[str, object], shown: Mapping[str, object]) -
     full = name if ":" in name.rpartition("/")[2] else f"{name}:latest"
     mine = next(
         (
-            one
-            for one in (models if isinstance(models, list) else [])
-            if isinstance(one, Mapping) and full in {one.get("name"), one.get("model")}
+            model
+            for model in (models if isinstance(models, list) else [])
+            if isinstance(model, Mapping) and full in {model.get("name"), model.get("model")}
         ),
         {},
     )

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import orjson
 
-from eyechart.calls import BLOCKED, REFUSED, Query, Reply, concluded
+from eyechart.calls import BLOCKED, REFUSED, Query, Reply, answer_from_reasoning
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
 from eyechart.models import require_options
@@ -74,7 +74,7 @@ class OpenAICompatible:
         came = await self.endpoint.post(_PATH, payload)
         reply = came.failure() if came.error else _read(came)
         if self.mode.answer == "reasoning":
-            reply = concluded(reply)
+            reply = answer_from_reasoning(reply)
         return self.endpoint.scrubbed(_hinted(reply, self.mode) if reply.error else reply)
 
     async def close(self) -> None:
@@ -89,7 +89,7 @@ def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
     headers = mode.header_values()
     secrets = [value for one, value in headers.items() if value != mode.headers[one]]
     key = os.environ.get(mode.key_env or KEY, "").strip()
-    authorised = any(one.lower() == "authorization" for one in headers)
+    authorised = any(header.lower() == "authorization" for header in headers)
     if not key and not authorised and (mode.key_env or base_url == BASE_URL):
         raise SpecError(
             f"'{mode.spec}' needs a key. Set the environment variable {mode.key_env or KEY}, or name another with "
@@ -275,7 +275,9 @@ def _beside(body: dict[str, object], message: dict[str, object]) -> str | None:
     if _calls(message):
         return "tool_calls"
     choices = body.get("choices")
-    messages = [one.get("message") for one in choices if isinstance(one, dict)] if isinstance(choices, list) else []
+    messages = (
+        [choice.get("message") for choice in choices if isinstance(choice, dict)] if isinstance(choices, list) else []
+    )
     said = {text_of(one.get("content")) for one in messages if isinstance(one, dict)}
     return "several_choices" if len(said) > 1 else None
 

@@ -86,7 +86,7 @@ class PolicyCallable:
     def _call(self, query: Query) -> Motion:
         """Return the answer. Inputs and answer are copies: no call changes those of another."""
         seen = query.stimulus
-        images = {name: pixels_of(one, name) for name, one in seen.images.items()}
+        images = {name: pixels_of(image, name) for name, image in seen.images.items()}
         state = np.array([number for numbers in seen.state.values() for number in numbers], np.float64)
         seed = {"seed": query.seed} if self.seedable else {}
         with self.alone:  # a call after its time limit may still run

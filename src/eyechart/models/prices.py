@@ -52,8 +52,8 @@ class Prices:
         if mode.spec.partition(":")[0] in OWN_MACHINE:
             return Price(mode.spec, 0.0, 0.0, "", "it runs on your own machine")
         at = plain_address(mode.base_url or "https://api.openai.com/v1")
-        known = (one for one in self.entries if one.model == mode.spec)
-        return next((one for one in known if not one.base_url or plain_address(one.base_url) == at), None)
+        known = (entry for entry in self.entries if entry.model == mode.spec)
+        return next((entry for entry in known if not entry.base_url or plain_address(entry.base_url) == at), None)
 
     def cost(self, mode: RequestMode, reply: Reply) -> tuple[float | None, str]:
         """Return an attempt's cost, and ``reported``, ``priced``, ``own machine`` or ``unknown``.
@@ -84,7 +84,7 @@ def _entries(path: Path) -> tuple[Price, ...]:
     entries = values.get("price")
     if set(values) != {"price"} or not isinstance(entries, list):
         raise SpecError(f"{path}: prices are tables [[price]] with model, input, output, date and source")
-    return tuple(_entry(one, f"{path}, price {number}") for number, one in enumerate(entries, 1))
+    return tuple(_entry(entry, f"{path}, price {number}") for number, entry in enumerate(entries, 1))
 
 
 def _entry(values: object, where: str) -> Price:

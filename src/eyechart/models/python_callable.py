@@ -276,9 +276,9 @@ def _values(value: object, depth: int = 0) -> Iterator[str]:
 def _code(written: object) -> Iterator[str]:
     """Yield the code of a function, or of a class and its methods, equal in every process."""
     if isinstance(written, type):
-        for name, one in sorted(vars(written).items()):
+        for name, var in sorted(vars(written).items()):
             yield name
-            yield from _code(one.__func__ if isinstance(one, staticmethod | classmethod) else one)
+            yield from _code(var.__func__ if isinstance(var, staticmethod | classmethod) else var)
     code = written.__code__ if isinstance(written, FunctionType) else written
     if isinstance(code, CodeType):
         yield f"{code.co_code.hex()} {code.co_names} {code.co_varnames}"
@@ -347,7 +347,7 @@ def _takes_all(ask: Ask, name: str) -> bool:
     except (TypeError, ValueError):
         return False  # a builtin without a signature
     taken = [*signature.parameters.values()]
-    if [one.name for one in taken[2:3]] == ["state"] and (
+    if [parameter.name for parameter in taken[2:3]] == ["state"] and (
         taken[1].name == "images" or taken[2].default is inspect.Parameter.empty
     ):
         return True  # (prompt, image, state=...) takes one image: state is an option of its own

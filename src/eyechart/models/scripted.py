@@ -303,5 +303,5 @@ def open_model(name: str, mode: RequestMode) -> ScriptedModel:
 
 def names() -> dict[str, str]:
     """Return the names of the controllers and estimators, each with a description."""
-    estimators = {name: f"{one.says} (scene estimates)" for name, one in ESTIMATORS.items()}
+    estimators = {name: f"{estimator.says} (scene estimates)" for name, estimator in ESTIMATORS.items()}
     return {name: one.says for name, one in (CONTROLLERS | PLANNERS).items()} | estimators

@@ -117,7 +117,7 @@ class _Folder:
         if name.partition(".")[0] in {"eyechart", "__main__"}:
             return None
         if (module := sys.modules.get(name)) is not None:
-            places = [found] if (found := _file(module)) else []
+            places = [path] if (path := _file(module)) else []
         else:
             place = self.root.joinpath(*name.split("."))
             places = [place / "__init__.py", place.with_name(f"{place.name}.py")]

@@ -176,4 +176,4 @@ def open_model(name: str, mode: RequestMode) -> PolicyCallable:
 
 def names() -> dict[str, str]:
     """Return what may stand after ``trained:``."""
-    return {name: one.says for name, one in TRAINED.items()}
+    return {name: lesson.says for name, lesson in TRAINED.items()}

@@ -114,7 +114,9 @@ def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
         return None
     # The scenery is the one whose verge colour, faded by distance, most pixels have.
     rows = slice(view.sought, view.sought + view.width // 6, 2)
-    scenery = int(np.argmax([np.count_nonzero(_is_like(ground[:, rows], one[rows])) for one in view.verge_rows]))
+    scenery = int(
+        np.argmax([np.count_nonzero(_is_like(ground[:, rows], verge_row[rows])) for verge_row in view.verge_rows])
+    )
     red, green, blue = ground
     own = (red == view.bodies[body][0]) & (green == view.bodies[body][1]) & (blue == view.bodies[body][2])
     chroma = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue)
@@ -255,8 +257,8 @@ def _find_edge(chroma: npt.NDArray[np.int16], verge: _Bools, view: ForwardView) 
         share = sum(min(int(one), whole) / whole for one in chroma[row, start:first].tolist())
         u.append((first - share - width / 2) / view.focal_px)
         q.append(1.0 / float(view.depth[row]))
-    found = _Edge(np.array(u, np.float64), np.array(q, np.float64))
-    return found.without_outliers(2.0 / view.focal_px)
+    edge = _Edge(np.array(u, np.float64), np.array(q, np.float64))
+    return edge.without_outliers(2.0 / view.focal_px)
 
 
 # ---- the obstacles

@@ -299,12 +299,12 @@ def find_view(key: str) -> View | None:
     return known[key]
 
 
-def through(view: View | None, seen: Stimulus, name: str = "picture") -> Stimulus:
+def through(view: View | None, stimulus: Stimulus, name: str = "picture") -> Stimulus:
     """Return a stimulus with its pictures as a view shows them; itself without a view."""
     if view is None:
-        return seen
-    shown = {camera: encode(view.show(decode(image, name), name)) for camera, image in seen.images.items()}
-    return replace(seen, images=shown)
+        return stimulus
+    shown = {camera: encode(view.show(decode(image, name), name)) for camera, image in stimulus.images.items()}
+    return replace(stimulus, images=shown)
 
 
 def scene_of(pixels: RGB) -> RGB:

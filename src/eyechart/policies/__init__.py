@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, did_you_mean
 from eyechart.frames import RGB, Scalar
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
@@ -74,7 +74,8 @@ def open_policy(spec: str, space: Discrete, recorded: RecordedActions) -> Policy
     kind, _, name = spec.partition(":")
     if kind not in REFERENCES:
         raise SpecError(
-            f"unknown policy '{spec}';{meant(spec, REFERENCES)} known are {', '.join(REFERENCES)}, and any model's SPEC"
+            f"unknown policy '{spec}';{did_you_mean(spec, REFERENCES)} known are {', '.join(REFERENCES)}, and any "
+            f"model's SPEC"
         )
     if name and kind in BARE:
         raise SpecError(f"'{spec}': policy '{kind}' takes nothing after its name")

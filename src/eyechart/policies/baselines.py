@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.errors import SpecError, perhaps
+from eyechart.errors import SpecError, suggestion
 from eyechart.policies import Observation, RecordedActions
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING, Decision, Missing
@@ -65,7 +65,7 @@ def constant(name: str, space: Discrete, recorded: RecordedActions) -> Constant:
     """Open ``constant:ACTION``."""
     del recorded
     if name not in space.actions:
-        known = f"{', '.join(space.actions)}{perhaps(name, space.actions)}"
+        known = f"{', '.join(space.actions)}{suggestion(name, space.actions)}"
         raise SpecError(f"'constant:{name}' is given as constant:ACTION, with one of {known}")
     return Constant(name)
 

@@ -90,12 +90,12 @@ async def arrives(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) 
     Makes at most `MOST_CALLS` calls. Failed calls do not count.
     """
     form = form_of(sample)
-    alone = [one for one in sight.shots if one.reply.error is None][:AT_ONCE]
+    alone = [shot for shot in sight.shots if shot.reply.error is None][:AT_ONCE]
     if form is None or len(alone) < AT_ONCE:
         return None
     queries = [
-        plain(one.question.words, key_seed("arrival", seed, number), picture=in_form(one.question.picture, form))
-        for number, one in enumerate(alone)
+        plain(shot.question.words, key_seed("arrival", seed, number), picture=in_form(shot.question.picture, form))
+        for number, shot in enumerate(alone)
     ]
     # The second half swaps its pairs: servers behind one address often take turns.
     order = sorted(range(AT_ONCE), key=lambda at: at ^ (at >= AT_ONCE // 2))
@@ -105,19 +105,19 @@ async def arrives(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) 
     if not flickers and _lost(alone, together) < LOST:
         return None
     again = _shots(alone, [await asker.ask(query) for query in queries])
-    missed = sum(one.said == NONE for one in (*alone, *together, *again))
+    missed = sum(shot.said == NONE for shot in (*alone, *together, *again))
     if flickers and missed >= MISSED:
         what = f"of {3 * AT_ONCE} drawn pictures {missed} are missed, but another call names some of them rightly"
         hint = "one of several servers at this address may drop pictures: use another one, or repair the server"
         return Fault("picture", f"pictures arrive in some calls only: {what}; {hint}")
     if _lost(alone, together) < LOST:
         return None
-    before, one_by_one = (f"{sum(one.right for one in shots)} of {len(shots)}" for shots in (alone, again))
+    before, one_by_one = (f"{sum(shot.right for shot in shots)} of {len(shots)}" for shots in (alone, again))
     if _lost(alone, again) >= LOST:
         what = f"pictures of this run's size ({form.words}) do not arrive as they are"
         named = f"{one_by_one} drawn ones are named rightly at this size, and {before} at 384×384"
         return Fault("picture", f"{what}: {named}; {form.another}")
-    at_once = f"{sum(one.right for one in together)} of {len(together)}"
+    at_once = f"{sum(shot.right for shot in together)} of {len(together)}"
     named = f"{at_once} are named rightly in parallel calls, and {one_by_one} one at a time"
     what = "the server mixes up the pictures of parallel calls"
     return Fault("picture", f"{what}: {named}; run with --concurrency 1, or repair the server")
@@ -140,7 +140,7 @@ async def reuses(asker: Asker, sight: SightAnswers, seed: int) -> Fault | None:
     Two calls with pictures of a new size, made only if all named colours are the first picture's.
     With such a cache, both get the colour of the first of the two.
     """
-    told = [one.said for one in sight.shots if one.question.kind == "colour"]
+    told = [shot.said for shot in sight.shots if shot.question.kind == "colour"]
     named = told[0] if told else None
     if len(told) < 2 or set(told) != {named} or named != sight.shots[0].question.answer:
         return None
@@ -180,8 +180,8 @@ async def apart(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) ->
         await asker.ask(_of_several(forms, one, key_seed("arrival", seed, 200 + number)))
         for number, one in enumerate(shown)
     ]
-    if any(one.error is not None for one in replies):
-        failed = next(one.error_detail for one in replies if one.error is not None)
+    if any(reply.error is not None for reply in replies):
+        failed = next(reply.error_detail for reply in replies if reply.error is not None)
         return None, f"{len(forms)} pictures in one query failed: {failed[:200]}"
     if _is_turned(replies[0], colours[:2]) and _is_turned(replies[1], colours[2:]):
         both = {name: colours[1 + (name != first)] for name in forms}
@@ -276,23 +276,27 @@ async def repeats(asker: Asker, sight: SightAnswers, sample: Sample) -> str:
     return f"{max(0, same - 1) + equal} of {max(0, of - 1) + max(0, len(told) - 1)}"
 
 
-def _shots(asked: Sequence[AnsweredQuestion], replies: Sequence[Reply]) -> list[AnsweredQuestion]:
+def _shots(questions: Sequence[AnsweredQuestion], replies: Sequence[Reply]) -> list[AnsweredQuestion]:
     return [
-        AnsweredQuestion(one.question, reply, said(one.question.kind, reply))
-        for one, reply in zip(asked, replies, strict=True)
+        AnsweredQuestion(question.question, reply, said(question.question.kind, reply))
+        for question, reply in zip(questions, replies, strict=True)
     ]
 
 
 def _lost(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuestion]) -> int:
     """Return the net loss of right answers, among calls that did not fail."""
-    both = [(one.right, other.right) for one, other in zip(before, after, strict=True) if other.reply.error is None]
+    both = [
+        (question.right, other.right)
+        for question, other in zip(before, after, strict=True)
+        if other.reply.error is None
+    ]
     return sum(one - other for one, other in both)
 
 
 def form_of(sample: Sample) -> Form | None:
     """Return the form of a run's largest picture, None where it shows none."""
     forms = [_form(picture, name) for _, seen in sample.asked for name, picture in seen.images.items()]
-    return max(forms, key=lambda one: one.wide * one.high, default=None)
+    return max(forms, key=lambda form: form.wide * form.high, default=None)
 
 
 def _form(picture: bytes, name: str) -> Form:

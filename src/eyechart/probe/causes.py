@@ -32,7 +32,7 @@ _ERRORS: dict[ErrorKind, str] = {
 def likely_causes(sight: SightAnswers, mode: RequestMode, facts: Mapping[str, str]) -> tuple[str, ...]:
     """Return the likely causes of a blind, inconclusive or doubtful result, the likeliest first."""
     if sight.takes_no_pictures:
-        refused = next(one.reply.error_detail for one in sight.shots if one.reply.error is not None)
+        refused = next(shot.reply.error_detail for shot in sight.shots if shot.reply.error is not None)
         return (_why_refused(refused),)
     if not any(reply.error is None for reply in sight.replies):
         return _failures(sight, mode)
@@ -48,7 +48,7 @@ def likely_causes(sight: SightAnswers, mode: RequestMode, facts: Mapping[str, st
         found += _why_unsaid(sight, mode)
     if not sight.cached_by_words and sight.sudden_by_words:
         found.append("a cache is suspected: different pictures with the same words got the identical reply at once")
-    elif not sight.cached_by_words and sight.sudden:
+    elif not sight.cached_by_words and sight.is_sudden:
         found.append(
             "a cache is suspected: an exact repeat got the identical reply at once. Then real_repeat would not "
             "measure how far the model agrees with itself: switch it off"
@@ -89,28 +89,28 @@ def _is_aside(reply: Reply) -> bool:
 
 def _beside_the_text(sight: SightAnswers) -> list[str]:
     """Return what replaced an answer in text: calls of tools, refusals, or filtered replies."""
-    came = [one.reply for one in sight.shots if one.reply.error is None]
+    came = [shot.reply for shot in sight.shots if shot.reply.error is None]
     tools = sum(reply.finish_reason == "tool_calls" for reply in came)
     declined = sum(reply.finish_reason == "refusal" for reply in came)
     filtered = sum(ending(reply.finish_reason) == "filtered" for reply in came) - declined
     moderated = sum(
-        one.reply.error == "bad_request" and _MODERATED.search(one.reply.error_detail) is not None
-        for one in sight.shots
+        shot.reply.error == "bad_request" and _MODERATED.search(shot.reply.error_detail) is not None
+        for shot in sight.shots
     )
-    found = []
+    result = []
     if tools:
-        found.append(
+        result.append(
             f"{tools} of {len(came)} replies call a tool, although none is offered, and hold the answer in tool_calls. "
             "Switch the tool parser or the chat template's tools off at the server"
         )
     if declined:
-        found.append(f"{declined} of {len(came)} replies refuse to answer (the field 'refusal')")
+        result.append(f"{declined} of {len(came)} replies refuse to answer (the field 'refusal')")
     if filtered or moderated:
-        found.append(
+        result.append(
             f"{filtered + moderated} of {len(sight.shots)} pictures or replies were filtered by the server: such "
             "frames count as refusals; relax its content filter if you control it"
         )
-    return found
+    return result
 
 
 def _failures(sight: SightAnswers, mode: RequestMode) -> tuple[str, ...]:
@@ -127,73 +127,73 @@ def _failures(sight: SightAnswers, mode: RequestMode) -> tuple[str, ...]:
 
 def _why_blind(sight: SightAnswers) -> list[str]:
     counts, adds = picture_counts(sight.image_tokens), sight.image_tokens
-    found = []
+    result = []
     if sight.fits_first:
-        found.append(
+        result.append(
             "every answer fits the first picture of its kind: a prefix cache gives its state to other pictures; "
             "switch prefix caching off for pictures, or repair the server"
         )
     if counts is False:
         rise = "do not change" if not adds else f"change by {adds} only"
-        found.append(
+        result.append(
             f"the picture is dropped on the way (a proxy or a gateway), or the chat template has no image slot: "
             f"prompt_tokens {rise} with a picture"
         )
     elif counts:
-        found.append(
+        result.append(
             f"the server counts the picture ({adds} tokens), and the replies do not follow it. The vision part is not "
             "loaded or gets a damaged picture, or the model is too weak for these questions"
         )
     else:
-        found.append(
+        result.append(
             "text-only backend, a chat template without an image slot, or a picture dropped by a proxy: the server "
             "reports no prompt_tokens, which would tell them apart"
         )
     if 2 * sight.says_none >= len(sight.shots):
-        found.append(f"{sight.says_none} of {len(sight.shots)} replies say themselves that there is no picture")
-    return found
+        result.append(f"{sight.says_none} of {len(sight.shots)} replies say themselves that there is no picture")
+    return result
 
 
 def _why_unsaid(sight: SightAnswers, mode: RequestMode) -> list[str]:
-    came = [one for one in sight.shots if one.reply.error is None]
-    cut = sum(is_cut(one.reply) for one in came)
-    silent = [one for one in came if one.said is None and not (is_cut(one.reply) or _is_aside(one.reply))]
-    found, empty = [], Emptiness.of(one.reply for one in came if not _is_aside(one.reply))
+    came = [shot for shot in sight.shots if shot.reply.error is None]
+    cut = sum(is_cut(shot.reply) for shot in came)
+    silent = [shot for shot in came if shot.said is None and not (is_cut(shot.reply) or _is_aside(shot.reply))]
+    result, empty = [], Emptiness.of(shot.reply for shot in came if not _is_aside(shot.reply))
     if empty.empty:
-        found.append(empty.words)
+        result.append(empty.words)
         silent = [one for one in silent if not is_empty(one.reply)]
-    found += _why_missing(sight)
+    result += _why_missing(sight)
     if cut:
-        found.append(
+        result.append(
             f"{cut} of {len(came)} replies were cut off at the budget of {mode.max_tokens} tokens: raise --max-tokens, "
             "or let 'eyechart probe' find the budget"
         )
     if silent:
-        found.append(
+        result.append(
             f"{len(silent)} of {len(came)} replies name none of the choices (the first: "
             f"{silent[0].reply.text.strip()[:60]!r}): the model is too weak for a question, or was trained for one "
             f"kind of answer. {_dependence(sight)}"
         )
-    if not found and not _beside_the_text(sight):
-        found.append(
+    if not result and not _beside_the_text(sight):
+        result.append(
             "it is right too often to be called blind, and not often enough to exclude guessing. It is too "
             "weak or too noisy for these questions; another --seed gives other questions"
         )
-    return found
+    return result
 
 
 def _why_missing(sight: SightAnswers) -> list[str]:
     """Return why questions have no reply."""
-    found = [] if sight.cut is None else [f"the questions ended early: {sight.cut}"]
-    kinds = Counter(one.reply.error for one in sight.shots if one.reply.error is not None)
+    result = [] if sight.cut is None else [f"the questions ended early: {sight.cut}"]
+    kinds = Counter(shot.reply.error for shot in sight.shots if shot.reply.error is not None)
     if kinds:
-        found.append("calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
-    return found
+        result.append("calls failed: " + ", ".join(f"{count} {kind}" for kind, count in kinds.items()))
+    return result
 
 
 def _dependence(sight: SightAnswers) -> str:
     """Return the evidence in words that the picture arrives, where the replies are no answers."""
-    texts = {one.reply.text for one in sight.shots if one.reply.error is None}
+    texts = {shot.reply.text for shot in sight.shots if shot.reply.error is None}
     counts, adds = picture_counts(sight.image_tokens), sight.image_tokens
     arrives = {
         True: f"The server counts the picture ({adds} tokens), so something of it arrives",

@@ -18,7 +18,7 @@ from eyechart.probe.causes import likely_causes
 from eyechart.probe.picture_proof import Outcome, SightAnswers, look
 from eyechart.probe.pictures import CHOICES
 from eyechart.probe.sample import Sample, default_sample, is_served, schema_binds
-from eyechart.records import picked, plain
+from eyechart.records import plain, to_json_fields
 from eyechart.stats.statistic import Statistic
 
 MOST_CALLS = 20 + OF_ACUITY
@@ -76,7 +76,7 @@ class Diagnosis:
         """Return plain JSON values."""
         same, of = self.sight.same
         return {
-            **picked(self, "model=mode.spec outcome because causes sight.p"),
+            **to_json_fields(self, "model=mode.spec outcome because causes sight.p"),
             "bound": self.sight.bound().as_dict(),
             "scores": plain(self.scores()),
             "says_no_picture": self.sight.says_none,
@@ -87,16 +87,16 @@ class Diagnosis:
                 "by_gap": [dict(zip(("gap_px", "right", "of"), one, strict=True)) for one in self.acuity.by_gap],
             },
             "same_reply": {"same": same, "of": of},
-            "schema": picked(self, "binds=schema_binds because=schema_says"),
-            "budget": picked(self, "enough=budget_enough because=budget_says"),
-            "cache": picked(self.sight, "by_words=cached_by_words repeats_at_once=sudden"),
+            "schema": to_json_fields(self, "binds=schema_binds because=schema_says"),
+            "budget": to_json_fields(self, "enough=budget_enough because=budget_says"),
+            "cache": to_json_fields(self.sight, "by_words=cached_by_words repeats_at_once=sudden"),
             "replies": [
-                picked(one, "question.kind right=question.answer said")
-                | {"text": one.reply.text[:500]}
-                | picked(one, "reply.error reply.seconds")
-                for one in self.sight.shots
+                to_json_fields(shot, "question.kind right=question.answer said")
+                | {"text": shot.reply.text[:500]}
+                | to_json_fields(shot, "reply.error reply.seconds")
+                for shot in self.sight.shots
             ],
-            **picked(self, "spent facts notes mode seed"),
+            **to_json_fields(self, "spent facts notes mode seed"),
         }
 
 

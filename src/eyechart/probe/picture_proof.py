@@ -70,22 +70,24 @@ class SightAnswers:
     @property
     def replies(self) -> list[Reply]:
         """Return every reply: to the questions, without a picture, and to repeats."""
-        return [*(one.reply for one in self.shots), *(reply for _, reply in self.bare), *self.again]
+        return [*(shot.reply for shot in self.shots), *(reply for _, reply in self.bare), *self.again]
 
     @property
     def answered(self) -> list[AnsweredQuestion]:
         """Return the shots with a choice in the reply, or with "no picture"."""
-        return [one for one in self.shots if one.said is not None]
+        return [shot for shot in self.shots if shot.said is not None]
 
     @property
     def says_none(self) -> int:
         """Return the count of replies that say that there is no picture."""
-        return sum(one.said == NONE for one in self.shots)
+        return sum(shot.said == NONE for shot in self.shots)
 
     def score(self, kind: Kind | None = None, *, fresh: bool | None = None) -> Statistic:
         """Return the right answers of a kind, or of all, with the exact p against guessing."""
         return _score(
-            one for one in self._came if kind in {None, one.question.kind} and fresh in {None, one.question.fresh}
+            question
+            for question in self._came
+            if kind in {None, question.question.kind} and fresh in {None, question.question.fresh}
         )
 
     def bound(self) -> Statistic:
@@ -94,7 +96,7 @@ class SightAnswers:
 
     @property
     def _came(self) -> list[AnsweredQuestion]:
-        return [one for one in self.shots if one.reply.error is None]
+        return [shot for shot in self.shots if shot.reply.error is None]
 
     @property
     def p(self) -> float | None:
@@ -105,8 +107,10 @@ class SightAnswers:
     @property
     def takes_no_pictures(self) -> bool:
         """Return whether every picture was refused, while text alone was answered."""
-        replies = [one.reply for one in self.shots]
-        refused = [one.error in REFUSED or (one.error and _PICTURES.search(one.error_detail)) for one in replies]
+        replies = [shot.reply for shot in self.shots]
+        refused = [
+            reply.error in REFUSED or (reply.error and _PICTURES.search(reply.error_detail)) for reply in replies
+        ]
         plain = [reply.error is None for _, reply in self.bare]
         return len(refused) > 1 and all(refused) and bool(plain) and all(plain)
 
@@ -117,7 +121,7 @@ class SightAnswers:
         return bool(self._alike) and p is not None and p < ALPHA
 
     @property
-    def sudden(self) -> bool:
+    def is_sudden(self) -> bool:
         """Return whether exact repeats got the identical reply at once, as from a cache."""
         return self.same == (1 + REPEATS, 1 + REPEATS) and self._at_once(self.again)
 
@@ -136,23 +140,25 @@ class SightAnswers:
     @property
     def fits_first(self) -> bool:
         """Return whether every answer of a kind fits its first picture, as from a prefix cache."""
-        by_kind = [[one for one in self.shots if one.question.kind == kind] for kind in CHOICES]
+        by_kind = [[shot for shot in self.shots if shot.question.kind == kind] for kind in CHOICES]
         several = [shots for shots in by_kind if len(shots) > 1]
-        return bool(several) and all({one.said for one in shots} == {shots[0].question.answer} for shots in several)
+        return bool(several) and all({shot.said for shot in shots} == {shots[0].question.answer} for shots in several)
 
     def _usual(self, kind: Kind) -> list[Reply]:
         """Return the replies to the repeated words of a kind."""
-        return [one.reply for one in self._came if one.question.kind == kind and not one.question.fresh]
+        return [
+            question.reply for question in self._came if question.question.kind == kind and not question.question.fresh
+        ]
 
     def _at_once(self, replies: Iterable[Reply]) -> bool:
         """Return whether replies took far less time than those to new words."""
-        took, usual = _median(replies), _median(one.reply for one in self._came if one.question.fresh)
+        took, usual = _median(replies), _median(question.reply for question in self._came if question.question.fresh)
         return took is not None and usual is not None and usual >= SLOWEST_S and took < SUDDEN * usual
 
     @property
     def same(self) -> tuple[int, int]:
         """Return the count of the first picture's most frequent reply, and of all its replies."""
-        texts = [reply.text for reply in (*(one.reply for one in self.shots[:1]), *self.again) if reply.error is None]
+        texts = [reply.text for reply in (*(shot.reply for shot in self.shots[:1]), *self.again) if reply.error is None]
         return max((texts.count(text) for text in texts), default=0), len(texts)
 
     @property
@@ -202,12 +208,14 @@ def _score(shots: Iterable[AnsweredQuestion]) -> Statistic:
     held = list(shots)
     blocks = []
     for kind, choices in CHOICES.items():
-        mine = [one for one in held if one.question.kind == kind]
-        dealt = [choices.index(one.question.answer) for one in mine]
+        mine = [shot for shot in held if shot.question.kind == kind]
+        dealt = [choices.index(shot.question.answer) for shot in mine]
         blocks.append(
-            Block(len(choices), dealt, [None if one.said not in choices else choices.index(one.said) for one in mine])
+            Block(
+                len(choices), dealt, [None if shot.said not in choices else choices.index(shot.said) for shot in mine]
+            )
         )
-    return right(one for one in blocks if one.dealt)
+    return right(block for block in blocks if block.dealt)
 
 
 def _median(replies: Iterable[Reply]) -> float | None:
@@ -237,7 +245,7 @@ async def look(asker: Asker, seed: int, *, spare: int = 0) -> SightAnswers:
         for number, question in enumerate(asked):
             reply = await asker.ask(_query(question.words, question.picture, seed, number))
             sight.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
-            if number == 1 and all(one.reply.error is not None for one in sight.shots):
+            if number == 1 and all(shot.reply.error is not None for shot in sight.shots):
                 break  # there is no use in going on
         if sight.shots[-1].reply.error in HOPELESS:
             return sight

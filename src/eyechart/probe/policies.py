@@ -68,7 +68,7 @@ class PolicyDiagnosis:
     @property
     def exit_code(self) -> int:
         """Return 0 if nothing is amiss, 1 if something is, and 2 if every check is inconclusive."""
-        fine = [one.fine for one in self.findings]
+        fine = [finding.fine for finding in self.findings]
         return 1 if False in fine else 0 if True in fine else 2
 
     def __str__(self) -> str:
@@ -77,12 +77,15 @@ class PolicyDiagnosis:
     def lines(self) -> list[str]:
         """Return a line for each check, with failed ones in capitals, and the count of calls."""
         words = {**_OUTCOMES, False: "AMISS"}
-        found = [f"{words[one.fine]:<10}  {one.name}: {one.says}" for one in self.findings]
+        found = [f"{words[finding.fine]:<10}  {finding.name}: {finding.says}" for finding in self.findings]
         return [*found, f"asked: {self.calls} calls"]
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        found = [{"check": one.name, "outcome": _OUTCOMES[one.fine], "says": one.says} for one in self.findings]
+        found = [
+            {"check": finding.name, "outcome": _OUTCOMES[finding.fine], "says": finding.says}
+            for finding in self.findings
+        ]
         return {"policy": self.spec, "calls": self.calls, "findings": found}
 
 
@@ -170,11 +173,11 @@ class _ProbeFrames:
     def forms(self, frame: Frame) -> dict[str, Stimulus]:
         """Return a frame with its pictures in wrong forms, by the name of the likely mistake."""
         seen = self.of(frame)
-        pixels = {name: decode(one, name) for name, one in seen.images.items()}
+        pixels = {name: decode(image, name) for name, image in seen.images.items()}
         names = list(pixels)
         made = {
-            "red and blue exchanged": {name: one[..., ::-1] for name, one in pixels.items()},
-            "turned by half": {name: one[::-1, ::-1] for name, one in pixels.items()},
+            "red and blue exchanged": {name: pixel[..., ::-1] for name, pixel in pixels.items()},
+            "turned by half": {name: pixel[::-1, ::-1] for name, pixel in pixels.items()},
             "the cameras exchanged": dict(zip(names, (pixels[name] for name in (*names[1:], names[0])), strict=True)),
         }
         return {
@@ -213,7 +216,7 @@ class _ProbeFrames:
 
     def alike(self) -> Iterator[str]:
         """Yield the channels of cameras with the same pictures in every other episode."""
-        names = [one.name for one in self.first.cameras]
+        names = [camera.name for camera in self.first.cameras]
         if self.other_by(names) is None:
             yield CAMERAS
         yield from (f"camera:{name}" for name in names if len(names) > 1 and self.other_by([name]) is None)
@@ -224,8 +227,8 @@ class _ProbeFrames:
         state = {name: len(numbers) for name, numbers in self.first.state.items()}
         numbers = f"a state of {sum(state.values())} numbers ({', '.join(state)})" if state else "no state"
         told = "an instruction" if self.first.fields else "no instruction"
-        pixels = {name: decode(one, name) for name, one in self.bank.images(self.first).items()}
-        pictures = ", ".join(f"{name}: {one.shape} {one.dtype}" for name, one in pixels.items())
+        pixels = {name: decode(image, name) for name, image in self.bank.images(self.first).items()}
+        pictures = ", ".join(f"{name}: {pixel.shape} {pixel.dtype}" for name, pixel in pixels.items())
         return f"the pictures {pictures}; {numbers}; {told}"
 
 
@@ -292,8 +295,8 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
 
 def _motions(calls: _ProbeCalls, answers: list[Decision[Motion]]) -> PolicyCheck:
     """Check whether every call returned a motion of the bank's shape."""
-    made = [one for one in answers if one is not _UNASKED]
-    without = [one for one in made if one.action is None]
+    made = [answer for answer in answers if answer is not _UNASKED]
+    without = [answer for answer in made if answer.action is None]
     if not without:
         return PolicyCheck("motions", True, f"all {len(made)} calls returned a motion {calls.asked.space.shape}")
     given = f" (its inputs are {calls.asked.given})"
@@ -358,50 +361,50 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
             yield PolicyCheck(name, True, "it reaches the policy: the answer changes with it")
 
 
-def _as_declared(found: PolicyCheck, declared: tuple[str, ...], others: Sequence[PolicyCheck]) -> PolicyCheck:
+def _as_declared(check: PolicyCheck, declared: tuple[str, ...], others: Sequence[PolicyCheck]) -> PolicyCheck:
     """Return the check of a channel, adjusted by whether the policy declares to read it.
 
     ``cameras`` declares all cameras, together and each. With it, a camera that has no effect while
     another one has is inconclusive: it may not be meant to be read.
     """
-    channel = CAMERAS if found.name == "grey" else found.name
-    if not declared or found.fine is None:
-        if found.fine is False and not declared:
-            return replace(found, says=f"{found.says} If the policy is not meant to read it, declare its channels")
-        return found
+    channel = CAMERAS if check.name == "grey" else check.name
+    if not declared or check.fine is None:
+        if check.fine is False and not declared:
+            return replace(check, says=f"{check.says} If the policy is not meant to read it, declare its channels")
+        return check
     if reads(channel, declared):
         beside = [one for one in others if one.name.startswith(CAMERA) and one.name != channel and one.fine]
-        if found.fine or channel in declared or not channel.startswith(CAMERA) or not beside:
-            return found
-        said = f"{found.says.partition(':')[0]}, but one of {beside[0].name} does"
+        if check.fine or channel in declared or not channel.startswith(CAMERA) or not beside:
+            return check
+        said = f"{check.says.partition(':')[0]}, but one of {beside[0].name} does"
         return PolicyCheck(
-            found.name,
+            check.name,
             None,
             f"{said}: is it meant to be read? It declares 'cameras', which means all; to read only some, declare each",
         )
-    if found.fine:
+    if check.fine:
         said = "it does not declare to read this, but the answer changes with it: declare it too"
-        return PolicyCheck(found.name, False, said)
-    return PolicyCheck(found.name, True, "it does not declare to read this, and the answer does not change with it")
+        return PolicyCheck(check.name, False, said)
+    return PolicyCheck(check.name, True, "it does not declare to read this, and the answer does not change with it")
 
 
-def _apart(one: Motion, other: Motion) -> float:
-    return float(np.sqrt(np.mean((one.array - other.array) ** 2)))
+def _apart(motion: Motion, other: Motion) -> float:
+    return float(np.sqrt(np.mean((motion.array - other.array) ** 2)))
 
 
 async def _formed(calls: _ProbeCalls, further: Mapping[str, Decision[Motion]]) -> dict[str, list[float]]:
     """Return the errors on two frames by form; other forms only if answers do not fit the log."""
     asked = calls.asked
     given = [(frame, further[frame.id].action) for frame in asked.pair]
-    found = {"": [asked.error(frame, action) for frame, action in given if action is not None]}
-    if len(found[""]) < 2 or max(found[""]) < _FITS:
-        return found
+    result = {"": [asked.error(frame, action) for frame, action in given if action is not None]}
+    if len(result[""]) < 2 or max(result[""]) < _FITS:
+        return result
     for frame in asked.pair:
         for what, seen in asked.forms(frame).items():
             answer = (await calls.motion(seen)).action
             if answer is not None:
-                found.setdefault(what, []).append(asked.error(frame, answer))
-    return found
+                result.setdefault(what, []).append(asked.error(frame, answer))
+    return result
 
 
 def _form(errors: Mapping[str, list[float]]) -> PolicyCheck:
@@ -473,14 +476,14 @@ def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> Polic
     most, least = size / np.maximum(here, usual), size / np.minimum(here, usual)
     sizes = np.where(most > 1, most, np.minimum(least, 1.0))
     away = np.abs(answers.mean(axis=(0, 1)) - logged.mean(axis=(0, 1))) / np.maximum(every.std(axis=(0, 1)), 1e-9)
-    for number, one in enumerate(asked.space.dimensions):
+    for number, dimension in enumerate(asked.space.dimensions):
         if every[..., number].std() < 1e-9:
             continue
         if _SMALL <= sizes[number] <= _LARGE and away[number] <= _AWAY:
             continue
         if np.ptp(answers[..., number]) == 0 < np.ptp(logged[..., number]):
-            said = f"is '{one.name}' meant to be the same in every answer? It varies in the log"
+            said = f"is '{dimension.name}' meant to be the same in every answer? It varies in the log"
             return PolicyCheck("unit", False, f"{said}; a run notes that in a remark, and judges the other numbers")
-        said = f"'{one.name}' is {sizes[number]:.2g} times as large as in the log"
+        said = f"'{dimension.name}' is {sizes[number]:.2g} times as large as in the log"
         return PolicyCheck("unit", False, f"{said}: is its normalisation skipped, or its unit different?")
     return PolicyCheck("unit", True, f"its numbers have the log's size ({sizes.min():.2g} to {sizes.max():.2g} times)")

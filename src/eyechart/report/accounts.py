@@ -18,22 +18,22 @@ _COLOUR = {"sees": "bold green", "blind": "bold red", "cannot_say": "bold yellow
 _YES = {True: "yes", False: "no", None: "—"}
 
 
-def doctor_table(found: "Diagnosis") -> Table:
+def doctor_table(diagnosis: "Diagnosis") -> Table:
     """Return one row per check: how often it was right with n and p, and other tests."""
     rows: list[tuple[Cell, ...]] = []
-    for name, score in found.scores().items():
+    for name, score in diagnosis.scores().items():
         answered = score if isinstance(score, ForcedChoice) else None
         counted, expected = (f"{answered.right} right", answered.expected) if answered else ("—", None)
         rows.append((name if name == "all questions" else f"  {name}", counted, score.n, expected, score.p))
-    (same, of), adds = found.sight.same, found.sight.image_tokens
-    bare = ", ".join(repr(reply.text.strip()[:20]) for _, reply in found.sight.bare if reply.error is None)
+    (same, of), adds = diagnosis.sight.same, diagnosis.sight.image_tokens
+    bare = ", ".join(repr(reply.text.strip()[:20]) for _, reply in diagnosis.sight.bare if reply.error is None)
     others: dict[str, tuple[str, int | str]] = {
-        "the same words without a picture": (bare or "—", len(found.sight.bare)),
+        "the same words without a picture": (bare or "—", len(diagnosis.sight.bare)),
         "tokens that a picture adds": ("not reported" if adds is None else str(adds), ""),
-        "the smallest detail that arrives": (found.acuity.words, sum(of for _, _, of in found.acuity.by_gap)),
+        "the smallest detail that arrives": (diagnosis.acuity.words, sum(of for _, _, of in diagnosis.acuity.by_gap)),
         "the same picture again": (f"{same} of {of} replies the same" if of > 1 else "—", of),
-        "a schema is enforced": (f"{_YES[found.schema_binds]}: {found.schema_says}", ""),
-        "the token budget is enough": (f"{_YES[found.budget_enough]}: {found.budget_says}", ""),
+        "a schema is enforced": (f"{_YES[diagnosis.schema_binds]}: {diagnosis.schema_says}", ""),
+        "the token budget is enough": (f"{_YES[diagnosis.budget_enough]}: {diagnosis.budget_says}", ""),
     }
     rows += [(name, *told, "", "") for name, told in others.items()]
     named = (*columns("text", "check", "result"), Column("n", "count"), Column("by guessing", "number", 1))
@@ -47,13 +47,13 @@ def headline(found: "Diagnosis") -> Text:
     return text.append(f": {found.because}")
 
 
-def probe_table(found: "ProbeResult") -> Table:
+def probe_table(result: "ProbeResult") -> Table:
     """Return one row per finding of a probe, with its field of the request mode."""
-    mode, measured = found.mode, found.measured
+    mode, measured = result.mode, result.measured
     seconds = ", ".join(number(one, 2) for one in (measured.seconds, measured.seconds_min))
     temperature = "default" if mode.temperature is None else f"{mode.temperature:g}"
     rows = (
-        ("sees the picture", WORDS[found.sight.outcome], ""),
+        ("sees the picture", WORDS[result.sight.outcome], ""),
         ("tokens of a reply, longest", _shown(measured.completion_tokens_max), f"max_tokens = {mode.max_tokens}"),
         ("its field", "", mode.token_field),
         ("role of the system words", "", f"system = {mode.system}"),
@@ -105,7 +105,7 @@ _GROSS = (
 
 def _gross(accounts: Iterable[Account]) -> str:
     """Return the note on energy, if any was measured."""
-    return _GROSS if any(one.energy_j is not None for one in accounts) else ""
+    return _GROSS if any(account.energy_j is not None for account in accounts) else ""
 
 
 NO_PRICE = (
@@ -120,7 +120,7 @@ NO_PRICE_HERE = "A local callable has no price; --prices FILE can set one"
 
 def _unpriced(accounts: Mapping[str, Account]) -> list[str]:
     """Return in words why prices are unknown."""
-    specs = [spec for spec, one in accounts.items() if "unknown" in one.cost_from]
+    specs = [spec for spec, account in accounts.items() if "unknown" in account.cost_from]
     own = [spec.partition(":")[0] in CALLABLES for spec in specs]
     return [*([NO_PRICE_HERE] if any(own) else []), *([NO_PRICE] if not all(own) else [])]
 
@@ -133,15 +133,15 @@ def deployment_table(accounts: Mapping[str, Account]) -> Table:
     characteristics.
     """
     rows: list[tuple[Cell, ...]] = []
-    for spec, one in accounts.items():
-        decided = one.finished - sum(one.missing.values()) if one.finished == one.calls else 0
-        dollars = None if one.cost_from.get("unknown") or one.cost_usd is None else 1000 * one.cost_usd
-        joules = one.energy_j if one.energy_measured >= one.finished else None
+    for spec, account in accounts.items():
+        decided = account.finished - sum(account.missing.values()) if account.finished == account.calls else 0
+        dollars = None if account.cost_from.get("unknown") or account.cost_usd is None else 1000 * account.cost_usd
+        joules = account.energy_j if account.energy_measured >= account.finished else None
         rows.append(
             (
-                *(spec, one.finished, _each(dollars, decided), _each(one.completion_tokens, one.finished)),
-                _each(one.missing.get("truncated", 0), one.finished),
-                *(one.latency_median_s, one.latency_p95_s, _each(joules, decided), "/".join(one.cost_from)),
+                *(spec, account.finished, _each(dollars, decided), _each(account.completion_tokens, account.finished)),
+                _each(account.missing.get("truncated", 0), account.finished),
+                *(account.latency_median_s, account.latency_p95_s, _each(joules, decided), "/".join(account.cost_from)),
             )
         )
     named = (
@@ -176,9 +176,9 @@ def _reasons(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {reason}" for reason, count in counts.items()) or "0"
 
 
-def _cost(one: Account) -> str:
-    if one.cost_usd is None:
+def _cost(account: Account) -> str:
+    if account.cost_usd is None:
         return "unknown"
-    unknown = one.cost_from.get("unknown", 0)
-    how = "/".join(name for name in one.cost_from if name != "unknown")
-    return f"${one.cost_usd:.4f} ({how}{f'; {unknown} unknown' if unknown else ''})"
+    unknown = account.cost_from.get("unknown", 0)
+    how = "/".join(name for name in account.cost_from if name != "unknown")
+    return f"${account.cost_usd:.4f} ({how}{f'; {unknown} unknown' if unknown else ''})"

@@ -202,7 +202,7 @@ def width_of(text: str, points: float) -> float:
     return font(100).getlength(plain(text, 400)) / 100 * points / 72
 
 
-def fitted(text: str, inches: float, points: float) -> str:
+def shorten_middle(text: str, inches: float, points: float) -> str:
     """Return a text, shortened in the middle to fit a width in inches."""
     most = len(text)
     while most > 3 and width_of(plain(text, most), points) > inches:
@@ -284,7 +284,7 @@ def panels(pictures: Mapping[str, NDArray[np.uint8]], width: float) -> Figure:
     """Return titled pictures (h, w, 3) side by side at equal widths; width in inches."""
     gap, above = 0.08, 0.22
     each = (width - gap * (len(pictures) - 1)) / len(pictures)
-    tall = max(each * one.shape[0] / one.shape[1] for one in pictures.values())
+    tall = max(each * picture.shape[0] / picture.shape[1] for picture in pictures.values())
     figure = Figure(figsize=(width, tall + above))
     for place, (words, one) in enumerate(pictures.items()):
         high = each * one.shape[0] / one.shape[1]
@@ -325,7 +325,7 @@ def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None
     """Draw the points, each with its name at the nearest free place."""
     inverse = axes.transData.inverted()
     taken: list[Box] = []
-    seen = sorted(points, key=lambda one: (one[1], one[2], one[0]))
+    seen = sorted(points, key=lambda point: (point[1], point[2], point[0]))
     pixels = [axes.transData.transform((x, y)) for _, x, y in seen]
     taken += [(float(x) - 4, float(y) - 4, float(x) + 4, float(y) + 4) for x, y in pixels]
     bounds = axes.get_window_extent()

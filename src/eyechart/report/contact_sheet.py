@@ -78,11 +78,11 @@ def write_frame(
 def _pixels(bank: FrameBank, frame: Frame, counterfactual: str | None, *, mirrored: bool = False) -> RGB:
     """Return all cameras' pictures of a frame, or their reflections, at the first's height."""
     images = bank.images(frame, counterfactual)
-    seen = {name: decode(one, frame.pictures[name]) for name, one in images.items()}
+    seen = {name: decode(image, frame.pictures[name]) for name, image in images.items()}
     if mirrored:
-        cameras = [one for one in frame.cameras if one.name in seen]
-        sources = {one.name: one.mirrors if one.mirrors in seen else one.name for one in cameras}
-        axes = {one.name: one.mirror_axis for one in frame.cameras}
+        cameras = [camera for camera in frame.cameras if camera.name in seen]
+        sources = {camera.name: camera.mirrors if camera.mirrors in seen else camera.name for camera in cameras}
+        axes = {camera.name: camera.mirror_axis for camera in frame.cameras}
         seen = {name: flip(seen[source], axes[source]) for name, source in sources.items()}
     first, *others = seen.values()
     high = first.shape[0]
@@ -104,7 +104,7 @@ _TOLD_LINES = 2
 
 
 def _numbers(numbers: tuple[float, ...]) -> str:
-    return " ".join(f"{one:.2g}" for one in numbers)
+    return " ".join(f"{number:.2g}" for number in numbers)
 
 
 def _cut(line: str, draw: ImageDraw.ImageDraw, font: _Font) -> str:

@@ -125,7 +125,9 @@ def parted(said: Sequence[VerdictSummary], answers: Mapping[str, Sequence[str]],
     """
     if len(said) == 1:
         return f"{said[0].who}: {answers[said[0].comes_to][0]}."
-    many = {answer: [one.who for one in said if answers[one.comes_to] == answer] for answer in answers.values()}
+    many = {
+        answer: [summary.who for summary in said if answers[summary.comes_to] == answer] for answer in answers.values()
+    }
     told = [
         f"{' '.join(answer)} {len(names)}" + (f" ({', '.join(names)})" if len(said) <= _MOST_NAMED else "")
         for answer, names in many.items()
@@ -158,7 +160,7 @@ def page_of(
         notes=notes,
         answer=answer,
     )
-    return Page(html, {one.title: one.drawings for one in sections}, tuple(notes))
+    return Page(html, {section.title: section.drawings for section in sections}, tuple(notes))
 
 
 def write_page(page: Page, out: Path) -> None:

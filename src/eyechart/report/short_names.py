@@ -63,9 +63,9 @@ def _around(name: str, alike: Sequence[str], longest: int) -> str:
 
 def _free(form: str, taken: set[str], longest: int) -> str:
     """Return an unused form of a name, with a number if necessary."""
-    number, found = 1, form
-    while found in taken:
+    number, result = 1, form
+    while result in taken:
         number += 1
         end = f"#{number}"
-        found = f"{form[: longest - len(end)]}{end}"
-    return found
+        result = f"{form[: longest - len(end)]}{end}"
+    return result

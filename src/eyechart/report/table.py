@@ -145,9 +145,9 @@ STATISTIC = (
 """The columns of a statistic; ``statistic_cells`` returns the cells."""
 
 
-def statistic_cells(one: Statistic) -> tuple[Cell, ...]:
+def statistic_cells(statistic: Statistic) -> tuple[Cell, ...]:
     """Return a statistic's value, interval with its level, n and p."""
-    return one.value, ends(one), level(one), one.n, one.p
+    return statistic.value, ends(statistic), level(statistic), statistic.n, statistic.p
 
 
 def ends(one: Statistic) -> tuple[float, float] | None:
@@ -200,7 +200,7 @@ class Table:
         """
         says = " ".join(filter(None, (of_each(counts), unit, each)))
         table = replace(self, caption=f"{self.caption}{'. ' if '. ' in self.caption else ', '}{says}")
-        if len({one for one in counts if one is not None}) < 2:
+        if len({count for count in counts if count is not None}) < 2:
             return table
         rows = tuple((*row, count) for row, count in zip(self.rows, counts, strict=True))
         return replace(table, columns=(*self.columns, Column(unit, "count")), rows=rows)
@@ -234,7 +234,7 @@ class Table:
     @property
     def names(self) -> list[str]:
         """Return the columns' names."""
-        return [one.name for one in self.columns]
+        return [column.name for column in self.columns]
 
     def renamed(self, short: Callable[[str], str]) -> "Table":
         """Return the table with ``short`` applied to all its words."""
@@ -244,13 +244,13 @@ class Table:
                 return replace(cell, text=short(cell.text))
             return short(cell) if isinstance(cell, str) else cell
 
-        named = tuple(replace(one, name=short(one.name)) for one in self.columns)
+        named = tuple(replace(column, name=short(column.name)) for column in self.columns)
         rows = tuple(tuple(map(made, row)) for row in self.rows)
         return replace(self, caption=short(self.caption), columns=named, rows=rows, note=short(self.note))
 
     def texts(self) -> list[list[str]]:
         """Return every cell as people read it, without control characters."""
-        return [[_plain(one.shown(c)) for c, one in zip(row, self.columns, strict=True)] for row in self.rows]
+        return [[_plain(column.shown(c)) for c, column in zip(row, self.columns, strict=True)] for row in self.rows]
 
     def short(self) -> "Table":
         """Return the table without word columns that are empty and columns that never vary."""
@@ -305,7 +305,7 @@ class Table:
         for row, texts in zip(self.rows, self.texts(), strict=True):
             tones = [_TONES.get(cell.tone, "") if isinstance(cell, Mark) else "" for cell in row]
             stacks = [stacked and column.kind not in _WORDS for column in self.columns]
-            cells = [_stack(text, stacked=one) for text, one in zip(texts, stacks, strict=True)]
+            cells = [_stack(text, stacked=stack) for text, stack in zip(texts, stacks, strict=True)]
             made.add_row(*map(Text, cells, tones))
         return made
 
@@ -332,7 +332,7 @@ class Table:
 
     def markdown(self) -> str:
         """Return a Markdown table."""
-        ruler = "|" + "|".join(" --- " if one.kind in _WORDS else " ---: " for one in self.columns) + "|"
+        ruler = "|" + "|".join(" --- " if column.kind in _WORDS else " ---: " for column in self.columns) + "|"
         lines = [f"| {' | '.join(map(_markdown, row))} |" for row in (self.names, *self.texts())]
         below = ["", _markdown(self.note)] if self.note else []
         return "\n".join([_markdown(self.title), "", lines[0], ruler, *lines[1:], *below, ""])
@@ -340,7 +340,7 @@ class Table:
     def latex(self) -> str:
         """Return a LaTeX table, which needs the package booktabs; a wide one spans both columns."""
         set_as = self.short() if self.label else self
-        kinds = "".join("l" if one.kind in _WORDS else "r" for one in set_as.columns)
+        kinds = "".join("l" if column.kind in _WORDS else "r" for column in set_as.columns)
         cells = (set_as.names, *set_as.texts())
         lines = [" & ".join(map(_latex, row)) + r" \\" for row in cells]
         wide = bool(self.label) and sum(max(map(len, column)) for column in zip(*cells, strict=True)) > _COLUMN
@@ -364,7 +364,7 @@ class Table:
         short, lines = self.short(), []
         heads = "".join(f'<th scope="col" class="{one.kind}">{escape(_spoken(one.name))}</th>' for one in short.columns)
         for row, texts in zip(short.rows, short.texts(), strict=True):
-            cells = [_html(*one) for one in zip(row[1:], texts[1:], short.columns[1:], strict=True)]
+            cells = [_html(*pair) for pair in zip(row[1:], texts[1:], short.columns[1:], strict=True)]
             lines.append(f'<tr><th scope="row"><bdi>{escape(texts[0])}</bdi></th>{"".join(cells)}</tr>')
         label, below = escape(self.title), f'<p class="note">{coded(self.note)}</p>\n' if self.note else ""
         return (
@@ -385,7 +385,7 @@ def _spoken(name: str) -> str:
     return _JOINED.sub(" ", name)
 
 
-def stacked(tables: Mapping[str, Table]) -> Table:
+def stack_tables(tables: Mapping[str, Table]) -> Table:
     """Return tables with equal columns as one.
 
     A first cell that several tables have gets its table's name. The note has every sentence of
@@ -394,7 +394,7 @@ def stacked(tables: Mapping[str, Table]) -> Table:
     first, *others = tables.values()
     if any(one.columns != first.columns for one in others):
         raise ValueError(f"tables with different columns cannot be joined: {', '.join(tables)}")
-    heads = {name: {Table.head(row) for row in one.rows} for name, one in tables.items()}
+    heads = {name: {Table.head(row) for row in table.rows} for name, table in tables.items()}
     counts = Counter(head for each in heads.values() for head in each)
 
     def named(name: str, cell: Cell) -> Cell:
@@ -402,26 +402,26 @@ def stacked(tables: Mapping[str, Table]) -> Table:
             return cell
         return replace(cell, text=f"{name} · {cell.text}") if isinstance(cell, Mark) else f"{name} · {cell}"
 
-    rows = tuple((named(name, row[0]), *row[1:]) for name, one in tables.items() for row in one.rows)
-    told = dict.fromkeys(part for one in tables.values() for part in one.note.rstrip(".").split(". ") if part)
+    rows = tuple((named(name, row[0]), *row[1:]) for name, table in tables.items() for row in table.rows)
+    told = dict.fromkeys(part for table in tables.values() for part in table.note.rstrip(".").split(". ") if part)
     note = first.note if all(one.note == first.note for one in others) else ". ".join(told)
     return replace(first, rows=rows, note=note)
 
 
 def of_each(counts: Iterable[int | None]) -> str:
     """Return counts in words: one number, two, or the fewest to the most."""
-    found = sorted({one for one in counts if one is not None})
+    found = sorted({count for count in counts if count is not None})
     return f"{found[0]} to {found[-1]}" if len(found) > 2 else " or ".join(map(str, found)) or "0"
 
 
 def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
     """Return tables as CSV, Markdown and LaTeX by file name; repeated names get a number."""
-    made, names = {}, [one.name for one in tables]
+    files, names = {}, [table.name for table in tables]
     for place, one in enumerate(tables):
         stem = f"{one.name}_{again + 1}" if (again := names[:place].count(one.name)) else one.name
         for suffix, text in (("csv", one.csv()), ("md", one.markdown()), ("tex", one.latex())):
-            made[f"{stem}.{suffix}"] = text.encode("utf-8", "backslashreplace")
-    return made
+            files[f"{stem}.{suffix}"] = text.encode("utf-8", "backslashreplace")
+    return files
 
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:

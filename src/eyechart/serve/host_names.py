@@ -23,10 +23,10 @@ _OWN = {"same-origin", "none"}
 
 def require_name(name: str) -> str:
     """Return a name in small letters; raises GuardianError where no Host header could hold it."""
-    found = _HOST.fullmatch(name)
-    if found is None or found["port"] is not None:
+    match = _HOST.fullmatch(name)
+    if match is None or match["port"] is not None:
         raise GuardianError(f"'{name[:80]}' is no name of a host: give it as in cam.example or [::1], without a port")
-    return _plain(found["name"])
+    return _plain(match["name"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class HostNames:
     @classmethod
     def of(cls, given: Sequence[str], addresses: Sequence[str]) -> "HostNames":
         """Return the names of a server that listens at these numeric addresses."""
-        return cls(frozenset(map(require_name, given)), all(_is_loopback(one) for one in addresses))
+        return cls(frozenset(map(require_name, given)), all(_is_loopback(address) for address in addresses))
 
     def refuses(self, headers: CIMultiDictProxy[str]) -> str | None:
         """Return why a request with these headers is not for this server; None if it is."""

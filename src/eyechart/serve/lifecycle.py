@@ -83,13 +83,13 @@ def _signalled(over: asyncio.Event) -> Iterator[None]:
             os.kill(os.getpid(), one)
         over.set()
 
-    for one in ends:
-        loop.add_signal_handler(one, heard, one)
+    for end in ends:
+        loop.add_signal_handler(end, heard, end)
     try:
         yield
     finally:
-        for one in ends:
-            loop.remove_signal_handler(one)
+        for end in ends:
+            loop.remove_signal_handler(end)
 
 
 def _runner(app: web.Application, server: Server) -> web.AppRunner:
@@ -115,7 +115,7 @@ async def _listen(runner: web.AppRunner, server: Server, host: str, port: int) -
         raise GuardianError(f"cannot listen on {host}:{port}: {error.strerror}; give another {other}") from error
     except UnicodeError as error:
         raise GuardianError(f"{host[:80]!r} is no address to listen on; give another --host") from error
-    bound = [one.getsockname() for one in listening.sockets]
+    bound = [socket.getsockname() for socket in listening.sockets]
     server.names = HostNames.of(server.limits.hosts, [address for address, *_ in bound])
     await listening.start_serving()
     name, number = bound[0][:2]
@@ -130,8 +130,8 @@ async def _first(*works: Awaitable[object]) -> None:
         for one in done:
             one.result()
     finally:
-        for one in tasks:
-            one.cancel()
+        for task in tasks:
+            task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
 
 

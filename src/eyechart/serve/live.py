@@ -135,7 +135,7 @@ class LiveRun:
                 self._why = "" if self._kept else _NOTHING
             except (EyechartError, OSError) as error:
                 self._why = printable(str(error))
-            answered = any(one.first for one in self._kept)
+            answered = any(model.first for model in self._kept)
             self._reads += answered
             self._seen = written
             self._next = now + (_EVERY_S if answered else _UNTIL_FIRST_S)
@@ -196,15 +196,15 @@ def _shell() -> Template:
     )
 
 
-def _cost(asked: Sequence[LiveModel]) -> str:
-    known = sum(one.account.cost_usd or 0.0 for one in asked)
-    unknown = sum(one.account.cost_from.get("unknown", 0) for one in asked)
-    if not asked or (unknown and not known):
-        return "; the cost is not known" if asked else ""
+def _cost(models: Sequence[LiveModel]) -> str:
+    known = sum(model.account.cost_usd or 0.0 for model in models)
+    unknown = sum(model.account.cost_from.get("unknown", 0) for model in models)
+    if not models or (unknown and not known):
+        return "; the cost is not known" if models else ""
     return f"; cost so far ${known:.4f}{f', unknown of {unknown} requests' if unknown else ''}"
 
 
-def _section(one: LiveModel) -> str:
+def _section(model: LiveModel) -> str:
     """Return a model's part of the page; all text of models is escaped."""
     names = ("asked about", "shown", "read as", "text")
     head = "".join(f'<th scope="col">{name}</th>' for name in names)
@@ -215,30 +215,30 @@ def _section(one: LiveModel) -> str:
             for name, text in zip(names, astuple(answer), strict=True)
         )
         + "</tr>"
-        for answer in one.first
+        for answer in model.first
     )
-    amiss = "".join(f'<p class="warn"><strong>Look:</strong> {escape(printable(line))}</p>' for line in one.warnings)
+    amiss = "".join(f'<p class="warn"><strong>Look:</strong> {escape(printable(line))}</p>' for line in model.warnings)
     table = f"<table><caption>Its first answers</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-    return f"<section><h2><bdi>{escape(one.name)}</bdi></h2><p>{escape(one.words)}</p>{amiss}{table}</section>"
+    return f"<section><h2><bdi>{escape(model.name)}</bdi></h2><p>{escape(model.words)}</p>{amiss}{table}</section>"
 
 
 def _asked(name: str, attempts: Iterator[SentAttempt], book: Book, space: AnySpace) -> LiveModel:
     served, decisions, first, empty, replies = ServedChecks(), Counter[str](), list[LiveAnswer](), 0, 0
-    for one in attempts:
-        book.add(one)
-        served.add(one)
-        if one.reply is None:
+    for attempt in attempts:
+        book.add(attempt)
+        served.add(attempt)
+        if attempt.reply is None:
             continue
-        read = space.read(one.reply)
+        read = space.read(attempt.reply)
         said = space.symbol(read.action) if read.action is not None else f"no decision ({read.why or read.missing})"
-        replies += one.reply.error is None
-        empty += one.reply.error is None and not one.reply.text.strip()
+        replies += attempt.reply.error is None
+        empty += attempt.reply.error is None and not attempt.reply.text.strip()
         decisions[said] += 1
         if len(first) < FIRST:
-            words = one.reply.text or one.reply.error_detail or one.reply.error or ""
-            first.append(LiveAnswer(one.key.frame, one.key.condition, said, words[:_LONGEST]))
+            words = attempt.reply.text or attempt.reply.error_detail or attempt.reply.error or ""
+            first.append(LiveAnswer(attempt.key.frame, attempt.key.condition, said, words[:_LONGEST]))
     account = book.accounts()[ALL]
-    amiss = [f"guard 'served': {one.because}" for one in served.guards() if one.holds is False]
+    amiss = [f"guard 'served': {guard.because}" for guard in served.guards() if guard.holds is False]
     amiss += [f"{empty} of {replies} replies are empty"] if empty else []
     amiss += [f"{count} requests failed: {kind}" for kind, count in account.errors.items()]
     silent = sum(account.missing.values())
@@ -359,7 +359,7 @@ class _ClosedConnection(asyncio.Protocol):
 
 
 @contextmanager
-def watched(
+def live_server(
     live: LiveRun, started: Callable[[str], None], failed: Callable[[str], None] = lambda _: None
 ) -> Iterator[None]:
     """Serve the page on a free port of this machine during the block; ``started`` gets the address.

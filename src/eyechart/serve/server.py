@@ -17,7 +17,7 @@ from eyechart import __version__
 from eyechart.errors import BankError, encodable
 from eyechart.frames import size_of
 from eyechart.guardian import Assessment, Guardian, Pictures
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.serve.api_document import TYPES, openapi
 from eyechart.serve.connections import Connections
 from eyechart.serve.host_names import HostNames, crosses
@@ -107,7 +107,7 @@ class Server:
         return _json(
             {
                 "status": "ok",
-                **picked(self.guardian.frozen, "guardian=digest committee threshold operating_point=point"),
+                **to_json_fields(self.guardian.frozen, "guardian=digest committee threshold operating_point=point"),
                 "deadline_s": self.guardian.deadline_s,
                 "last_vote_s": {
                     spec: None if age is None else round(age, 1) for spec, age in self.guardian.since_votes().items()

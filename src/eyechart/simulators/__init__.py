@@ -9,7 +9,7 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError, meant
+from eyechart.errors import SpecError, did_you_mean
 from eyechart.frames import RGB, FrameBank, MirrorAxis, Scalar
 from eyechart.spaces.discrete import Discrete
 
@@ -211,7 +211,7 @@ def find_simulator(name: str, *, actions: Path | None = None) -> Simulator | Ban
         return _import(KINDS[kind][-1])(rest, actions)
     if name not in SIMULATORS:
         raise SpecError(
-            f"unknown simulator '{name}';{meant(name, SIMULATORS)} known: {', '.join(SIMULATORS)}, gym:ENV_ID"
+            f"unknown simulator '{name}';{did_you_mean(name, SIMULATORS)} known: {', '.join(SIMULATORS)}, gym:ENV_ID"
         )
     if actions is not None:
         raise SpecError(f"simulator '{name}' has actions of its own; an action map is for gym:ENV_ID")

@@ -35,7 +35,16 @@ from eyechart.frames import (
     whole_folder,
 )
 from eyechart.simulators import SIMULATORS, open_bank_simulator
-from eyechart.simulators.banks import DOZEN, BankMaker, BankOrigin, Preset, ShownPictures, built_of, encoded, frames_of
+from eyechart.simulators.banks import (
+    DOZEN,
+    BankMaker,
+    BankOrigin,
+    Preset,
+    ShownPictures,
+    built_of,
+    encode_pictures,
+    frames_of,
+)
 
 Progress = Callable[[int, int], None]
 
@@ -109,12 +118,12 @@ def _draw(
     drawn = frames_of(simulator.declared, simulator.open_preset(how.preset), how)
     for number, (frame, (anew, picture, pictures)) in enumerate(zip(bank, drawn, strict=True), 1):
         if not _is_same(bank, frame, anew, picture, pictures):
-            now = ", ".join(f"{name} {one}" for name, one in simulator.versions().items())
+            now = ", ".join(f"{name} {version}" for name, version in simulator.versions().items())
             raise BankError(f"{why}{now} draw frame '{frame.id}' differently from the bank; build the bank again")
         lacking = [name for name in pictures if name not in frame.counterfactuals]
         files = {name: anew.counterfactuals[name] for name in lacking}
         for name in lacking:
-            for camera, content in encoded(pictures[name]).items():
+            for camera, content in encode_pictures(pictures[name]).items():
                 _write(inside(folder, files[name][camera]), content)
                 added.digests[files[name][camera]] = hashlib.sha256(content).hexdigest()
         added.columns |= {frame.id: _columns(files, frame)} if files else {}
@@ -170,20 +179,23 @@ def _write(path: Path, content: bytes) -> None:
     partial.replace(path)
 
 
-def _manifest(before: BankManifest, made: Preset, how: BankOrigin, added: _AddedPictures) -> BankManifest:
+def _manifest(before: BankManifest, preset: Preset, how: BankOrigin, added: _AddedPictures) -> BankManifest:
     """Return the manifest of a bank after the addition."""
     digests = {**before.images, **added.digests}
     distances = {
-        one.id: {name: round(float(str(one.truth[name])), 3) for name in sorted(one.placed)} for one in added.frames
+        frame.id: {name: round(float(str(frame.truth[name])), 3) for name in sorted(frame.placed)}
+        for frame in added.frames
     }
-    columns = {one.id: {**before.added.get(one.id, {}), **added.columns.get(one.id, {})} for one in added.frames}
+    columns = {
+        frame.id: {**before.added.get(frame.id, {}), **added.columns.get(frame.id, {})} for frame in added.frames
+    }
     return replace(
         before,
-        images={file: digests[file] for one in added.frames for file in files_of(one)},
-        controls=Controls(how.controls_seed, {name: one for name, one in distances.items() if one}),
-        span=made.span,
-        strata={one.id: one.strata for one in added.frames if one.strata},
-        added={name: one for name, one in columns.items() if one},
+        images={file: digests[file] for frame in added.frames for file in files_of(frame)},
+        controls=Controls(how.controls_seed, {name: distance for name, distance in distances.items() if distance}),
+        span=preset.span,
+        strata={frame.id: frame.strata for frame in added.frames if frame.strata},
+        added={name: column for name, column in columns.items() if column},
     )
 
 

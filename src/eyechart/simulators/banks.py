@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from eyechart.conditions import CONTROLS
-from eyechart.errors import BankError, SpecError, perhaps
+from eyechart.errors import BankError, SpecError, suggestion
 from eyechart.frames import (
     MAIN,
     RGB,
@@ -81,7 +81,7 @@ class Moment:
 
 def first_shown(draw: Callable[[float], T | None], distances: Iterable[float]) -> tuple[float, T] | None:
     """Return the first distance that can be drawn, with its drawing, or None."""
-    shown = ((one, draw(one)) for one in distances)
+    shown = ((distance, draw(distance)) for distance in distances)
     return next(((one, made) for one, made in shown if made is not None), None)
 
 
@@ -95,11 +95,11 @@ def versions_of(names: Sequence[str]) -> dict[str, str]:
     """Return the versions of the installed ones among these libraries."""
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow to import
 
-    found = {}
+    versions = {}
     for name in names:
         with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+            versions[name] = version(name)
+    return versions
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class BankMaker(ABC):
         """
         declared, seeds = self.declared, [int(seed) for seed in seeds]
         if preset not in declared.presets:
-            known = f"{', '.join(declared.presets)}{perhaps(preset, declared.presets)}"
+            known = f"{', '.join(declared.presets)}{suggestion(preset, declared.presets)}"
             raise SpecError(f"simulator '{declared.name}' has no preset '{preset}'; known: {known}")
         _require(seeds, steps)
         check_seed(controls_seed)
@@ -224,7 +224,9 @@ class BankMaker(ABC):
         )
         with BankWriter(out, manifest) as writer:
             for number, (frame, picture, others) in enumerate(frames_of(declared, made, how), 1):
-                writer.add(frame, encoded(picture), {name: encoded(one) for name, one in others.items()})
+                writer.add(
+                    frame, encode_pictures(picture), {name: encode_pictures(one) for name, one in others.items()}
+                )
                 if progress is not None:
                     progress(number, len(made.scenarios) * len(seeds) * steps)
         return open_bank(out)
@@ -273,7 +275,7 @@ def _frame(
     for one in drawn:
         pictures |= one.pictures
         distances |= one.distances
-    frame_id, names = _id(*place), [one.name for one in cameras]
+    frame_id, names = _id(*place), [camera.name for camera in cameras]
     frame = Frame(
         id=frame_id,
         scenario=scenario,
@@ -321,7 +323,7 @@ def redraw(root: Path, out: Path, controls_seed: int, progress: Callable[[int, i
         )
     if _pictured(anew) != _pictured(bank) or made.fingerprint != anew.manifest.fingerprint:
         shutil.rmtree(out)
-        now = ", ".join(f"{name} {one}" for name, one in anew.manifest.versions.items())
+        now = ", ".join(f"{name} {version}" for name, version in anew.manifest.versions.items())
         raise BankError(
             f"{why}{now} draw other pictures than the bank has; build the bank again, or leave out --fresh-controls"
         )
@@ -359,10 +361,10 @@ def _files(folder: str, name: str, cameras: Sequence[str]) -> dict[str, str]:
     """Return the files of a picture by camera; several cameras have a folder each."""
     if cameras == [MAIN]:
         return {MAIN: f"{folder}/{name}.png"}
-    return {one: f"{folder}/{one}/{name}.png" for one in cameras}
+    return {camera: f"{folder}/{camera}/{name}.png" for camera in cameras}
 
 
-def encoded(picture: ShownPictures) -> dict[str, bytes]:
+def encode_pictures(picture: ShownPictures) -> dict[str, bytes]:
     """Return a picture as PNGs by camera."""
     by_camera = picture if isinstance(picture, Mapping) else {MAIN: picture}
     return {name: encode(one) for name, one in by_camera.items()}

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from eyechart.errors import SpecError, raising, read_at_most
-from eyechart.records import build, picked
+from eyechart.records import build, to_json_fields
 from eyechart.spaces.reader import READER, READERS, ActionNames, read_by, spelled
 from eyechart.spaces.space import (
     READ_AT_MOST,
@@ -22,7 +22,7 @@ from eyechart.spaces.space import (
     AnySpace,
     Decision,
     SpaceDefaults,
-    unanswered,
+    why_unanswered,
     without_thinking,
 )
 
@@ -155,7 +155,7 @@ class Discrete(SpaceDefaults):
 
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
-        return picked(self, "name actions mirror_pairs brake proceed" + " aliases" * bool(self.aliases))
+        return to_json_fields(self, "name actions mirror_pairs brake proceed" + " aliases" * bool(self.aliases))
 
     @classmethod
     def from_dict(cls, values: object) -> "Discrete":
@@ -246,7 +246,7 @@ def _read(space: Discrete, rules: int, text: str, finish_reason: str | None, err
     Then text in ``<think>`` is removed. Then the words are read by version ``rules`` of the reading
     rules. Source: paper, section Corpus and parsing.
     """
-    if (missing := unanswered(finish_reason, error)) is not None:
+    if (missing := why_unanswered(finish_reason, error)) is not None:
         return Decision(None, missing)
     visible = without_thinking(text)[-READ_AT_MOST:].replace("’", "'").strip()
     if not visible:

@@ -85,8 +85,8 @@ def lacks_picture(fields: Iterable[tuple[str, object]]) -> bool:
 
 def _every(fields: Iterable[object]) -> Iterator[tuple[str, object]]:
     """Yield every field of an object and of those within it; a list's items have no name."""
-    for one in fields:
-        name, value = one if isinstance(one, tuple) else ("", one)
+    for field in fields:
+        name, value = field if isinstance(field, tuple) else ("", field)
         yield name, value
         if isinstance(value, list):
             yield from _every(value)

@@ -18,9 +18,9 @@ from typing import ClassVar, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError, perhaps, raising
-from eyechart.records import LARGEST, picked
-from eyechart.spaces.space import Answer, AnySpace, Decision, SpaceDefaults, unanswered, unparsed
+from eyechart.errors import SpecError, raising, suggestion
+from eyechart.records import LARGEST, to_json_fields
+from eyechart.spaces.space import Answer, AnySpace, Decision, SpaceDefaults, unparsed, why_unanswered
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
 """The meaning of a step's numbers: a change, a target place, a speed, or a place to pass."""
@@ -45,7 +45,7 @@ def read_kind(word: str | None) -> Kind | None:
     """Return a word as a kind, or None; raises SpecError that lists the kinds."""
     if word is None or word in get_args(Kind):
         return cast("Kind | None", word)
-    raise SpecError(f"a motion is {', '.join(get_args(Kind))}, not '{word}'{perhaps(word, get_args(Kind))}")
+    raise SpecError(f"a motion is {', '.join(get_args(Kind))}, not '{word}'{suggestion(word, get_args(Kind))}")
 
 
 @dataclass(frozen=True)
@@ -137,17 +137,19 @@ class Dimension:
 
 def reflect(numbers: Floats, dimensions: Sequence[Dimension]) -> Floats:
     """Return numbers of shape (…, dimensions) in the reflected world."""
-    place = {one.name: number for number, one in enumerate(dimensions)}
-    taken = [place[one.mirrors or one.name] for one in dimensions]
-    sign, about = (np.array([getattr(one, name) for one in dimensions]) for name in ("sign", "about"))
+    place = {dimension.name: number for number, dimension in enumerate(dimensions)}
+    taken = [place[dimension.mirrors or dimension.name] for dimension in dimensions]
+    sign, about = (np.array([getattr(dimension, name) for dimension in dimensions]) for name in ("sign", "about"))
     return np.asarray(sign * (numbers[..., taken] - about) + about)
 
 
 def require_mirrored(dimensions: Sequence[Dimension], what: str) -> None:
     """Raise SpecError if two dimensions have one name, or reflecting twice changes a number."""
-    by_name = {one.name: one for one in dimensions}
+    by_name = {dimension.name: dimension for dimension in dimensions}
     if len(by_name) < len(dimensions):
-        raise SpecError(f"{what}: two dimensions have one name: {', '.join(one.name for one in dimensions)}")
+        raise SpecError(
+            f"{what}: two dimensions have one name: {', '.join(dimension.name for dimension in dimensions)}"
+        )
     for one in dimensions:
         if one.mirrors and (one.mirrors not in by_name or by_name[one.mirrors].mirrors != one.name):
             raise SpecError(f"{what}: '{one.name}' mirrors '{one.mirrors}', which must be there and mirror it too")
@@ -155,8 +157,8 @@ def require_mirrored(dimensions: Sequence[Dimension], what: str) -> None:
             raise SpecError(f"{what}: '{one.name}' and '{one.mirrors}' mirror each other, and need one sign and about")
 
 
-def _as_reflected(one: Dimension) -> tuple[float, float]:
-    return one.sign, one.about
+def _as_reflected(dimension: Dimension) -> tuple[float, float]:
+    return dimension.sign, dimension.about
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ class MotionSpace(SpaceDefaults):
 
     def _require_reflected_alike(self) -> None:
         """Raise SpecError if a place and its number in the state are reflected differently."""
-        by_name = {one.name: one for one in self.dimensions}
+        by_name = {dimension.name: dimension for dimension in self.dimensions}
         for one in self.dimensions:
             if one.state is None or self.kind not in PLACES:
                 continue
@@ -218,7 +220,7 @@ class MotionSpace(SpaceDefaults):
     @property
     def axes(self) -> tuple[str, ...]:
         """Return the world's axes that have a dimension."""
-        return tuple(dict.fromkeys(one.along for one in self.dimensions if one.along))
+        return tuple(dict.fromkeys(dimension.along for dimension in self.dimensions if dimension.along))
 
     def schema(self) -> dict[str, object]:
         """Return the JSON schema of the numbers; it changes with the space's meaning."""
@@ -227,13 +229,16 @@ class MotionSpace(SpaceDefaults):
         return {"type": "array", "items": row, "minItems": steps, "maxItems": steps, "description": self._words()}
 
     def _words(self) -> str:
-        parts = (f"{one.name} ({one.unit})" if one.unit else one.name for one in self.dimensions)
+        parts = (
+            f"{dimension.name} ({dimension.unit})" if dimension.unit else dimension.name
+            for dimension in self.dimensions
+        )
         rate = "" if self.rate_hz is None else f", {self.rate_hz:g} Hz"
         return f"{self.name}: {self.kind}{rate}: {', '.join(parts)}"
 
     def read(self, reply: Answer) -> Decision[Motion]:
         """Return the motion in a reply, if it has this shape and is finite."""
-        if (missing := unanswered(reply.finish_reason, reply.error)) is not None:
+        if (missing := why_unanswered(reply.finish_reason, reply.error)) is not None:
             return Decision(None, missing)
         if not reply.text:
             return Decision(None, "empty")
@@ -289,11 +294,11 @@ class MotionSpace(SpaceDefaults):
         """
         if self.kind not in PLACES or states is None:
             return numbers
-        found = numbers.copy()
-        for number, one in enumerate(self.dimensions):
-            if one.state is not None:
-                found[..., number] -= states[..., one.state, None]
-        return found
+        result = numbers.copy()
+        for number, dimension in enumerate(self.dimensions):
+            if dimension.state is not None:
+                result[..., number] -= states[..., dimension.state, None]
+        return result
 
     def scales(self, logged: Floats | None = None) -> Floats:
         """Return the scale of each dimension, shape (dimensions,): declared, or the log's spread.
@@ -302,7 +307,7 @@ class MotionSpace(SpaceDefaults):
         dimension that never moved counts in its own unit.
         """
         spread = None if logged is None or not len(logged) else logged.reshape(-1, len(self.dimensions)).std(axis=0)
-        own = [one.scale for one in self.dimensions]
+        own = [dimension.scale for dimension in self.dimensions]
         found = np.ones(len(own)) if spread is None else np.where(spread > 1e-9, spread, 1.0)
         return np.array([far if scale is None else scale for scale, far in zip(own, found, strict=True)])
 
@@ -311,7 +316,7 @@ class MotionSpace(SpaceDefaults):
 
         Deltas add up, velocities too by their rate; a place is that of the last step.
         """
-        along = [number for number, one in enumerate(self.dimensions) if one.along == axis]
+        along = [number for number, dimension in enumerate(self.dimensions) if dimension.along == axis]
         rows = numbers[..., along].sum(axis=-1)
         if self.kind in PLACES:
             return np.asarray(rows[..., -1])
@@ -331,7 +336,10 @@ class MotionSpace(SpaceDefaults):
 
     def reflect_relative(self, numbers: Floats) -> Floats:
         """Return the result of `relative` in the reflected world; differences reflect about 0."""
-        own = [replace(one, about=0.0) if self._is_relative(one) else one for one in self.dimensions]
+        own = [
+            replace(dimension, about=0.0) if self._is_relative(dimension) else dimension
+            for dimension in self.dimensions
+        ]
         return reflect(numbers, own)
 
     def _is_relative(self, one: Dimension) -> bool:
@@ -342,7 +350,7 @@ class MotionSpace(SpaceDefaults):
         pairs = {one.lower(): other for pair in self.words for one, other in (pair, pair[::-1])}
         if not pairs:
             return text
-        every = "|".join(re.escape(one) for one in sorted(pairs, key=len, reverse=True))
+        every = "|".join(re.escape(pair) for pair in sorted(pairs, key=len, reverse=True))
 
         def other(found: re.Match[str]) -> str:
             own, said = found[0], pairs[found[0].lower()]
@@ -395,7 +403,9 @@ class MotionSpace(SpaceDefaults):
 
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
-        return picked(self, f"name horizon kind rate_hz mirrored {'words ' if self.words else ''}dimensions state")
+        return to_json_fields(
+            self, f"name horizon kind rate_hz mirrored {'words ' if self.words else ''}dimensions state"
+        )
 
 
 def require_motions(space: AnySpace | None) -> MotionSpace:

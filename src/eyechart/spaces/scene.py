@@ -23,7 +23,7 @@ from eyechart.spaces.space import (
     refuses,
     thinks_behind,
     too_deep,
-    unanswered,
+    why_unanswered,
     without_thinking,
 )
 
@@ -304,7 +304,7 @@ def _read(rules: int, text: str, finish_reason: str | None, error: str | None) -
     An answer longer than `READ_AT_MOST` is not read at all, because a part may differ from the
     whole; thinking may be longer.
     """
-    if (missing := unanswered(finish_reason, error)) is not None:
+    if (missing := why_unanswered(finish_reason, error)) is not None:
         return SceneDecision(None, missing)
     visible = without_thinking(text).strip()
     if not visible:
@@ -354,7 +354,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object]
 def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
     """Return the first estimate among objects, or the first; raises _Unreadable if two differ."""
     answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
-    if any(_differ(answers[0].get(name), one.get(name)) for one in answers[1:] for name in FIELDS):
+    if any(_differ(answers[0].get(name), answer.get(name)) for answer in answers[1:] for name in FIELDS):
         raise _Unreadable("several_objects")
     return answers[0]
 
@@ -397,11 +397,11 @@ def _loaded(text: str, repairs: dict[Repair, None]) -> Sequence[tuple[str, objec
     except ValueError:
         mended = _STRING_OR_COMMA.sub(lambda match: match.group(1) or "", text)
     try:
-        found = _json(mended)
+        result = _json(mended)
     except ValueError:
         return None
     repairs["trailing_comma"] = None
-    return found
+    return result
 
 
 def _json(text: str) -> Sequence[tuple[str, object]]:
@@ -445,10 +445,10 @@ def _estimate(values: Mapping[str, object]) -> Estimate:
     )
 
 
-def _believed(found: Estimate, beside: SurroundingText) -> Estimate:
+def _believed(estimate: Estimate, beside: SurroundingText) -> Estimate:
     if beside.failed:
         raise _Unreadable("says_error")
-    return found
+    return estimate
 
 
 def _flag(value: object) -> bool:

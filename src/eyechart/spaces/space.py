@@ -194,7 +194,7 @@ def ending(finish_reason: str | None) -> Ending | None:
     return "filtered" if known is None and ENDINGS.get(word.partition(":")[0]) == "filtered" else known
 
 
-def unanswered(finish_reason: str | None, error: str | None) -> Missing | None:
+def why_unanswered(finish_reason: str | None, error: str | None) -> Missing | None:
     """Return why a reply has no answer: an error, a cut-off or a filter's refusal; else None."""
     if error is not None:
         return "error"

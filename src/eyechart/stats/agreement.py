@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.association import labels_of, pair_table
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 
 def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
@@ -24,7 +24,7 @@ def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
         raise ValueError(f"a rate needs 0 <= k <= n, got k={k} of n={n}: check what is counted")
     method = f"share, {100 * level:g}% Wilson interval"
     if n == 0:
-        return cannot_say("no observations", method=method)
+        return not_available("no observations", method=method)
     return Statistic(value=k / n, n=n, ci=_wilson(k, n, level), method=method, detail={"k": k}, level=level)
 
 
@@ -55,12 +55,12 @@ def cohens_kappa(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 
     a, b = _label_pair(first, second)
     n = len(a)
     if n == 0:
-        return cannot_say("no observations", method="Cohen's kappa")
+        return not_available("no observations", method="Cohen's kappa")
     joint = pair_table(a, b)[1] / n
     observed = float(np.trace(joint))
     chance = float(joint.sum(axis=1) @ joint.sum(axis=0))
     if np.count_nonzero(joint) == 1 and observed > 0:
-        return cannot_say("both sequences are the same constant: chance agreement is 1", n, "Cohen's kappa")
+        return not_available("both sequences are the same constant: chance agreement is 1", n, "Cohen's kappa")
     kappa = (observed - chance) / (1 - chance)
     error = _kappa_error(joint, kappa, chance) / math.sqrt(n)
     detail = {"agreement": observed, "chance": chance, "standard_error": error}
@@ -98,10 +98,10 @@ def pooled_kappa(columns: npt.ArrayLike, *, margin: float = 0.10, alpha: float =
     pairs, hits, expected = _pairs_within(given)
     total, frames = float(pairs.sum()), int(np.count_nonzero(pairs))
     if frames < 2:
-        return cannot_say(f"{frames} frames have two answers to compare", frames, method)
+        return not_available(f"{frames} frames have two answers to compare", frames, method)
     agree, chance = float(hits.sum()) / total, expected / total
     if chance >= 1:
-        return cannot_say("all answers are the same: chance agreement is 1", frames, method)
+        return not_available("all answers are the same: chance agreement is 1", frames, method)
     binomial = agree * (1 - agree) * total
     spread = float(((hits - agree * pairs) ** 2).sum())
     effect = max(1.0, spread / binomial) if binomial > 0 else 1.0
@@ -251,7 +251,7 @@ def binary_metrics(*, tp: int, fn: int, tn: int, fp: int) -> dict[str, Statistic
     n = tp + fn + tn + fp
     sens, spec = rate(tp, tp + fn), rate(tn, tn + fp)
     if sens.value is None or spec.value is None:
-        bal = cannot_say("one of the two classes is empty", n, "balanced accuracy")
+        bal = not_available("one of the two classes is empty", n, "balanced accuracy")
     else:
         bal = Statistic((sens.value + spec.value) / 2, n, method="mean of sensitivity and specificity")
     return {"acc": rate(tp + tn, n), "bal": bal, "sens": sens, "spec": spec}

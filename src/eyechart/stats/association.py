@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -70,7 +70,7 @@ def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     counts = _occupied(table)
     n, method = int(counts.sum()), "chi-squared test of independence" + (", Yates" if correction else "")
     if n == 0:
-        return cannot_say("the table is empty", method=method)
+        return not_available("the table is empty", method=method)
     if min(counts.shape) == 1:
         detail: dict[str, object] = {"dof": 0, "shape": list(counts.shape), "smallest_expected": None}
         note = "one row or one column: nothing can depend on it"
@@ -91,7 +91,7 @@ def cramers_v(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
     """
     chi2 = chi2_test(table, correction=correction)
     if chi2.value is None or chi2.detail is None:
-        return cannot_say(chi2.note, method="Cramér's V")
+        return not_available(chi2.note, method="Cramér's V")
     groups, answers = _occupied(table).shape
     shorter = min(groups, answers)
     v = math.sqrt(chi2.value / (chi2.n * (shorter - 1))) if shorter > 1 else 0.0
@@ -108,7 +108,7 @@ def entropy_bits(labels: npt.ArrayLike) -> Statistic:
     names, counts = np.unique(labels_of(labels, "given"), return_counts=True)
     n, method = int(counts.sum()), "plug-in entropy, bits"
     if n == 0:
-        return cannot_say("no observations", method=method)
+        return not_available("no observations", method=method)
     shares = counts / n
     entropy = max(0.0, -float((shares * np.log2(shares)).sum()))
     return Statistic(entropy, n, method=method, detail={"labels": len(names)}, unit="bits")
@@ -123,7 +123,7 @@ def modal_share(labels: npt.ArrayLike) -> Statistic:
     names, counts = np.unique(labels_of(labels, "given"), return_counts=True)
     n, method = int(counts.sum()), "share of the most frequent label"
     if n == 0:
-        return cannot_say("no observations", method=method)
+        return not_available("no observations", method=method)
     most = int(counts.argmax())
     return Statistic(int(counts[most]) / n, n, method=method, detail={"mode": names[most].item()})
 

@@ -8,7 +8,7 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import TIE, Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, not_available
 
 EXACT_UP_TO = 9
 """Up to this number of pairs Spearman's p is exact, over all orders (362 880 of nine)."""
@@ -57,11 +57,18 @@ def pearson(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stati
     """
     one, other = _columns(x, y)
     if why := _undefined(one, other):
-        return cannot_say(why, len(one), "Pearson correlation")
-    found = pearson_p(float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1)), len(one), level=level)
+        return not_available(why, len(one), "Pearson correlation")
+    statistic = pearson_p(float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1)), len(one), level=level)
     exact = _exact_p(one, other) if len(one) <= EXACT_UP_TO else None
     return Correlation(
-        found.value, found.n, found.ci, found.p, found.method, level=found.level, how="t test", p_exact=exact
+        statistic.value,
+        statistic.n,
+        statistic.ci,
+        statistic.p,
+        statistic.method,
+        level=statistic.level,
+        how="t test",
+        p_exact=exact,
     )
 
 
@@ -77,7 +84,7 @@ def spearman(x: npt.ArrayLike, y: npt.ArrayLike, *, level: float = 0.95) -> Stat
     over = f"exact over {math.factorial(len(one))} orders" if exact else "t approximation"
     method = f"Spearman's rank correlation, two-sided p ({over}), {100 * level:g}% interval of Bonett and Wright"
     if why := _undefined(one, other):
-        return cannot_say(why, len(one), method)
+        return not_available(why, len(one), method)
     from scipy.stats import rankdata, spearmanr  # noqa: PLC0415 - slow to import
 
     rho, p = (float(number) for number in spearmanr(one, other))

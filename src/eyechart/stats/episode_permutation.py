@@ -18,9 +18,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.stats.association import information_of_tables
-from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
+from eyechart.stats.statistic import TIE, Statistic, chunks, not_available
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -50,7 +50,7 @@ class _Strata:
 
     def detail(self) -> dict[str, object]:
         """Return the facts that a reader needs to judge the test."""
-        return picked(self, "episodes=sizes truncated_frames=truncated shifted_frames=shifted excluded")
+        return to_json_fields(self, "episodes=sizes truncated_frames=truncated shifted_frames=shifted excluded")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,7 +173,7 @@ def iid_trend_test(
     levels, ranks, groups = levels[decided], ranks[decided], groups[decided]
     n, method = len(levels), f"one-sided trend, frames permuted, B={resamples}"
     if n < 2:
-        return cannot_say("two decisions are needed to permute", n, method)
+        return not_available("two decisions are needed to permute", n, method)
     observed, rng = float(levels @ ranks), np.random.default_rng(seed)
     trend = np.zeros(resamples)
     for group in range(int(groups.max()) + 1):
@@ -276,7 +276,7 @@ def _refusal(layout: _Strata, n: int, alpha: float, resamples: int, method: str)
     sampled = _arrangements(layout.sizes) > ENUMERATED_ARRANGEMENTS
     attainable = 1 / (resamples + 1) if sampled else smallest_p(layout.sizes)
     if attainable <= alpha:
-        return None if n else cannot_say("no decisions", method=method)
+        return None if n else not_available("no decisions", method=method)
     why = f"exchanging {list(layout.sizes)} episodes per scenario gives a p of {attainable:.3g} at best"
     note = "; ".join([f"{why}, above {alpha:g}", *layout.excluded])
     detail = {**layout.detail(), "smallest_p": attainable}
@@ -346,5 +346,5 @@ def _result(
         notes.append(f"{layout.shifted} frames are aligned with another step: mark missing decisions, drop none")
     note = "; ".join(notes)
     null_mean, null_sd = float(null.mean()), float(null.std())
-    found = Trend(observed, n, p=p, method=f"{method}, {how}", null_mean=null_mean, null_sd=null_sd)
-    return replace(found, note=note, detail=detail, smallest_p=smallest)
+    trend = Trend(observed, n, p=p, method=f"{method}, {how}", null_mean=null_mean, null_sd=null_sd)
+    return replace(trend, note=note, detail=detail, smallest_p=smallest)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from eyechart.stats.agreement import rate
 from eyechart.stats.jackknife import FEW, LEAST_EPISODES
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 Floats = npt.NDArray[np.float64]
 EpisodeCounts = tuple[npt.ArrayLike, npt.ArrayLike]
@@ -56,7 +56,7 @@ def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: fl
     k, n = k[n > 0], n[n > 0]
     method = f"share of frames, {100 * level:g}% interval over episodes"
     if not len(n):
-        return cannot_say("no frames", method=method)
+        return not_available("no frames", method=method)
     total, episodes = int(n.sum()), len(n)
     value = float(k.sum() / n.sum())
     detail = {"k": int(k.sum()), "episodes": episodes}
@@ -154,7 +154,7 @@ def difference_over_episodes(first: EpisodeCounts, second: EpisodeCounts, *, lev
     one, other = (share_over_episodes(*share, level=level) for share in (first, second))
     method = f"difference of shares, {100 * level:g}% interval over episodes (ends combined)"
     if one.value is None or other.value is None:
-        return cannot_say("no frame has both answers", one.n, method)
+        return not_available("no frame has both answers", one.n, method)
     value = one.value - other.value
     if one.ci is None or other.ci is None or np.count_nonzero(first[1]) < LEAST_EPISODES:
         return Statistic(value, one.n, method=method, note=one.note or other.note or FEW, level=level)
@@ -171,7 +171,7 @@ def mean_of_shares(first: EpisodeCounts, second: EpisodeCounts, *, level: float 
     one, other = (share_over_episodes(*share, level=level) for share in (first, second))
     method = f"mean of two shares, {100 * level:g}% interval over episodes (means of their ends)"
     if one.value is None or other.value is None:
-        return cannot_say("one of the two classes is empty", one.n + other.n, method)
+        return not_available("one of the two classes is empty", one.n + other.n, method)
     ci = None
     if one.ci is not None and other.ci is not None:
         ci = (one.ci[0] + other.ci[0]) / 2, (one.ci[1] + other.ci[1]) / 2
@@ -189,16 +189,16 @@ def median_over_episodes(values: npt.ArrayLike, episodes: npt.ArrayLike, *, leve
     given = np.asarray(values, dtype=np.float64)
     method = f"median, {100 * level:g}% interval over episodes (shares inverted)"
     if not len(given):
-        return cannot_say("no frames", method=method)
+        return not_available("no frames", method=method)
     _, codes = np.unique(episodes, return_inverse=True)
     value, frames = float(np.median(given)), np.bincount(codes)
     if len(frames) < LEAST_EPISODES:
         return Statistic(value, len(given), method=method, note=FEW, level=level)
 
     def ends(below: npt.NDArray[np.bool_]) -> tuple[float, float]:
-        found = share_over_episodes(np.bincount(codes, weights=below), frames, level=level).ci
-        assert found is not None  # there are episodes enough
-        return found
+        result = share_over_episodes(np.bincount(codes, weights=below), frames, level=level).ci
+        assert result is not None  # there are episodes enough
+        return result
 
     known = np.unique(given)
     lowest = _first(len(known), lambda place: ends(given <= known[place])[1] >= 0.5)
@@ -211,7 +211,7 @@ def median_difference(first: Statistic, second: Statistic) -> Statistic:
     """Return how much larger one median is, ends combined as in `difference_over_episodes`."""
     method = f"{first.method}, ends combined"
     if first.value is None or second.value is None:
-        return cannot_say("one of the two medians is of no frames", 0, method)
+        return not_available("one of the two medians is of no frames", 0, method)
     value, n = first.value - second.value, first.n + second.n
     if first.ci is None or second.ci is None:
         return Statistic(value, n, method=method, note=first.note or second.note, level=first.level)

@@ -8,7 +8,7 @@ from math import comb, factorial
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 LEVEL = 0.95
 """The one-sided level of each end of the interval."""
@@ -74,10 +74,10 @@ def right(blocks: Iterable[Block]) -> Statistic:
     """
     held = tuple(blocks)
     method = "share right; exact randomisation p; Clopper–Pearson, 95 % at each end"
-    n = sum(len(one.dealt) for one in held)
+    n = sum(len(block.dealt) for block in held)
     if n == 0:
-        return cannot_say("no question was answered", method=method)
-    k = sum(one.right for one in held)
+        return not_available("no question was answered", method=method)
+    k = sum(block.right for block in held)
     chances = np.ones(1)
     for one in held:
         chances = np.convolve(chances, one.chances())

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.association import cramers_v_of_tables
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 Floats = npt.NDArray[np.float64]
 
@@ -52,7 +52,7 @@ def over_tables(
     whole = counts.sum(axis=0, keepdims=True)
     value = float(statistic(whole)[0]) if episodes else np.nan
     if np.isnan(value):
-        return cannot_say("the statistic is undefined on these episodes", episodes, method)
+        return not_available("the statistic is undefined on these episodes", episodes, method)
     if episodes < LEAST_EPISODES:
         return Statistic(value, episodes, method=method, note=FEW, level=level)
     left = statistic(whole - counts)
@@ -91,7 +91,7 @@ def over_counts(episodes: int, statistic: Callable[[Floats], Floats], *, level: 
     method = f"{100 * level:g}% interval over episodes (jackknife, t)"
     value = float(statistic(np.ones((1, episodes)))[0]) if episodes else np.nan
     if np.isnan(value):
-        return cannot_say("the statistic is undefined on these episodes", episodes, method)
+        return not_available("the statistic is undefined on these episodes", episodes, method)
     if episodes < LEAST_EPISODES:
         return Statistic(value, episodes, method=method, note=FEW, level=level)
     left = statistic(1.0 - np.eye(episodes))
@@ -135,7 +135,7 @@ def mean_of_frames(
         f"{100 * level:g}% interval over episodes (jackknife, t), held up by frames",
     )
     if not n:
-        return cannot_say("no frame has these decisions", method=method)
+        return not_available("no frame has these decisions", method=method)
     sums, frames = by_episode([given[have], np.ones(n)], names[have])
     value, count = float(sums.sum() / n), len(frames)
     if count < fewest:
@@ -146,7 +146,7 @@ def mean_of_frames(
     return Statistic(value, n, (max(-1.0, ci[0]), min(1.0, ci[1])), method=method, level=level)
 
 
-def half_exceeded(
+def excess_over_half(
     first: npt.ArrayLike, second: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float = ENDS
 ) -> Statistic:
     """Return a rate less half of another, with the jackknife's interval over whole episodes.
@@ -160,7 +160,7 @@ def half_exceeded(
     whole, count = each.sum(axis=1), each.shape[1]
     n = int(whole[1])
     if not whole[1] or not whole[3]:
-        return cannot_say("one of the two could never happen", n, method)
+        return not_available("one of the two could never happen", n, method)
 
     def apart(sums: Floats) -> Floats:
         return np.asarray(np.divide(*sums[:2]) - np.divide(*sums[2:]) / 2)

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 RESAMPLES = 999
 _LEAST = 20
@@ -25,10 +25,10 @@ def memory_share(apart: npt.ArrayLike, before: npt.ArrayLike, *, seed: int) -> S
     f = f[:, f.std(axis=0) > 1e-9] if len(f) else f
     n = len(e)
     if not f.size or n < _LEAST * (f.shape[1] + 1):
-        return cannot_say("too few calls with a known one before", n, method)
+        return not_available("too few calls with a known one before", n, method)
     whole = float((e**2).sum())
     if not whole > 0:
-        return cannot_say("the answers to one moment are all the same", n, method)
+        return not_available("the answers to one moment are all the same", n, method)
     base = np.linalg.svd(np.column_stack([np.ones(n), f]), full_matrices=False)
     kept = base[0][:, base[1] > 1e-9 * base[1][0]]
     observed = float(((kept.T @ e) ** 2).sum())

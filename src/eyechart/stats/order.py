@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from eyechart.stats.agreement import clopper_pearson
 from eyechart.stats.jackknife import ENDS, FEW, LEAST_EPISODES, by_episode, half_width
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 Floats = npt.NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def order_of(compared: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float =
         f"1/2 - (won - lost) / (2 √((won + lost)² - contradicted²)); {100 * level:g}% interval",
     )
     if not n:
-        return cannot_say("no comparison comes out the same way twice", method=method)
+        return not_available("no comparison comes out the same way twice", method=method)
     some = counts.any(axis=0)
     each = by_episode(counts[:, some], np.asarray(episodes)[some])
     whole, count = each.sum(axis=1), each.shape[1]
@@ -151,21 +151,25 @@ def greatest_rise(places: npt.ArrayLike, levels: npt.ArrayLike, *, seed: int, re
         "greatest rise between neighbouring windows, in its standard errors; p: permutation of frames",
     )
     if n < 2 * FEWEST:
-        return cannot_say(f"{n} answers; {2 * FEWEST} are needed", n, method)
+        return not_available(f"{n} answers; {2 * FEWEST} are needed", n, method)
     order = np.argsort(at[have], kind="stable")
     along, spread = of[have][order], float(of[have].var())
     if spread == 0.0:
         return Rise(0.0, n, p=1.0, method=method, note="all levels are alike")
     widths = sorted({int(one) for one in np.geomspace(FEWEST, max(FEWEST, n * WIDEST), WIDTHS)})
-    seen = list(_standardised_rises(along[:, None], widths, spread))
-    best = max(range(len(widths)), key=lambda one: float(seen[one].max()))
-    value, width, start = float(seen[best].max()), widths[best], int(seen[best].argmax())
+    standardised_rises = list(_standardised_rises(along[:, None], widths, spread))
+    best = max(range(len(widths)), key=lambda one: float(standardised_rises[one].max()))
+    value, width, start = float(standardised_rises[best].max()), widths[best], int(standardised_rises[best].argmax())
     if value <= 0:
         return Rise(value, n, p=1.0, method=method, note="nowhere")
     as_high = drawn = 0
     for frames in _exchanges(have, seed, resamples):
         greatest = np.max(
-            [one.max(axis=0) for one in _standardised_rises(of[:, frames][have][order], widths, spread)], axis=0
+            [
+                standardised_rise.max(axis=0)
+                for standardised_rise in _standardised_rises(of[:, frames][have][order], widths, spread)
+            ],
+            axis=0,
         )
         as_high, drawn = as_high + int(np.count_nonzero(greatest >= value - 1e-9)), drawn + len(greatest)
         if as_high >= ENOUGH:
@@ -208,14 +212,14 @@ def density(places: npt.ArrayLike, factor: float) -> Statistic:
     at, method = np.sort(np.asarray(places, dtype=np.float64)), f"drawn places in a window a factor of {factor:g} wide"
     at = at[~np.isnan(at)]
     if len(at) < 2 or at[-1] < at[0] * factor:
-        return cannot_say("the drawn places lie in no range that holds a window", len(at), method)
+        return not_available("the drawn places lie in no range that holds a window", len(at), method)
     starts = at[at * factor <= at[-1]]
     inside = np.searchsorted(at, starts * factor, side="left") - np.searchsorted(at, starts, side="right")
     value = len(at) * math.log(factor) / math.log(at[-1] / at[0])
     return Density(value, len(at), method=method, fewest=int(inside.min()))
 
 
-def lost_beyond_noise(lost: int, pairs: int, wavered: int, repeats: int) -> float:
+def order_violation_p(lost: int, pairs: int, wavered: int, repeats: int) -> float:
     """Return the p of this number of pairs lost, against noise as in the repeats.
 
     ``lost`` of ``pairs`` and ``wavered`` of ``repeats``. Noise alone loses at most half as many

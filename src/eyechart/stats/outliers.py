@@ -30,7 +30,7 @@ def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool
     apart.
     """
     given = np.asarray(numbers, np.float64)
-    found = np.zeros(given.shape, dtype=bool)
+    result = np.zeros(given.shape, dtype=bool)
     for column in range(given.shape[1]):
         one = given[:, column]
         known = one[np.isfinite(one)]
@@ -42,8 +42,8 @@ def outlying(numbers: npt.ArrayLike, *, at_once: int = 1) -> npt.NDArray[np.bool
             far = away > FAR * usual
         others = known[~far[np.isfinite(one)]]
         if usual > 0 and 0 < far.sum() <= max(at_once, FEW * len(known)) and known.std() > WIDER * others.std():
-            found[:, column] = far
-    return found
+            result[:, column] = far
+    return result
 
 
 def recurs(far: npt.ArrayLike, episodes: npt.ArrayLike) -> npt.NDArray[np.bool_]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from eyechart.stats.agreement import clopper_pearson
 from eyechart.stats.association import pair_table
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 
 ENUMERATED_STATES = 20_000
 """Up to this number of distinct outcomes a null distribution is enumerated."""
@@ -104,7 +104,7 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
     a, b = _pair(first, second)
     wins, losses = int(np.count_nonzero(a > b)), int(np.count_nonzero(a < b))
     n = wins + losses
-    found = SignTest(
+    test = SignTest(
         None,
         n,
         p=1.0,
@@ -116,8 +116,8 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
         ties=len(a) - n,
     )
     if n == 0:
-        return replace(found, note="no discordant pairs")
-    return replace(found, value=wins / n, ci=clopper_pearson(wins, n, level), p=_fair_coin_tail(wins, n))
+        return replace(test, note="no discordant pairs")
+    return replace(test, value=wins / n, ci=clopper_pearson(wins, n, level), p=_fair_coin_tail(wins, n))
 
 
 def net_effect(wins: int, losses: int, pairs: int, *, margin: float = 0.10, alpha: float = 0.10) -> Statistic:
@@ -129,10 +129,10 @@ def net_effect(wins: int, losses: int, pairs: int, *, margin: float = 0.10, alph
     """
     if not 0 < margin < 1 or not 0 < alpha < 0.5:
         raise ValueError(f"margin={margin} must lie in (0, 1) and alpha={alpha} in (0, .5)")
-    found = paired_difference_from_counts(wins, losses, pairs, level=1 - 2 * alpha)
-    if found.value is None:
-        return found
-    return replace(found, p=NormalDist().cdf(-_tango_score(wins, losses, pairs, margin)), detail={"margin": margin})
+    statistic = paired_difference_from_counts(wins, losses, pairs, level=1 - 2 * alpha)
+    if statistic.value is None:
+        return statistic
+    return replace(statistic, p=NormalDist().cdf(-_tango_score(wins, losses, pairs, margin)), detail={"margin": margin})
 
 
 def stratified_association(
@@ -195,7 +195,7 @@ def label_swap_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, r
     names, counts = _pair_counts(first, second)
     n, labels = int(counts.sum()), len(names)
     if n == 0:
-        return cannot_say("no pairs", method="within-frame label swap")
+        return not_available("no pairs", method="within-frame label swap")
     moves = _moves(counts)
     detail = {"labels": names, "discordant": n - int(np.trace(counts))}
     net = np.array([forward - back for _, _, forward, back in moves], dtype=np.int64)
@@ -240,7 +240,7 @@ def paired_difference_from_counts(b: int, c: int, n: int, *, level: float = 0.95
     if not 0 < level < 1:
         raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
     if n == 0:
-        return cannot_say("no pairs", method=method)
+        return not_available("no pairs", method=method)
     z = NormalDist().inv_cdf(0.5 + level / 2)
     ci = (_tango_bound(b, c, n, z), _tango_bound(b, c, n, -z))
     return DiscordantPairs((b - c) / n, n, ci, method=method, level=level, b=b, c=c)

@@ -34,18 +34,18 @@ def balanced_partners(episodes: Sequence[object], values: Sequence[object], *, s
     def fits(frame: Places | int, partner: Places | int) -> _Marks:
         return np.asarray((episode[frame] != episode[partner]) & (value[frame] != value[partner]))
 
-    every, found = np.arange(n), rng.permutation(n)
+    every, result = np.arange(n), rng.permutation(n)
     for _ in range(_ROUNDS):
-        amiss = np.flatnonzero(~fits(every, found))
+        amiss = np.flatnonzero(~fits(every, result))
         for place in map(int, amiss):
             others = rng.permutation(n)
-            better = others[fits(place, found[others]) & fits(others, int(found[place]))]
+            better = others[fits(place, result[others]) & fits(others, int(result[place]))]
             if len(better):
-                found[[place, better[0]]] = found[[better[0], place]]
-    for place in map(int, np.flatnonzero(~fits(every, found))):
+                result[[place, better[0]]] = result[[better[0], place]]
+    for place in map(int, np.flatnonzero(~fits(every, result))):
         free = every[fits(place, every)]
-        found[place] = rng.choice(free) if len(free) else NOBODY
-    return found
+        result[place] = rng.choice(free) if len(free) else NOBODY
+    return result
 
 
 def matched_partners(
@@ -63,15 +63,15 @@ def matched_partners(
     lengths differ.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
-    found = np.full(len(episode), NOBODY)
+    result = np.full(len(episode), NOBODY)
     most = within * 2 * np.count_nonzero(scaled.std(axis=0))
     for rows in chunks(len(episode), scaled.size):
         far = ((scaled[rows, None, :] - scaled[None]) ** 2).sum(axis=2)
         far[(episode[rows, None] == episode[None]) | (value[rows, None] == value[None])] = np.inf
         nearest = far.argmin(axis=1)
         there = np.take_along_axis(far, nearest[:, None], axis=1)[:, 0] <= most
-        found[rows] = np.where(there, nearest, NOBODY)
-    return found
+        result[rows] = np.where(there, nearest, NOBODY)
+    return result
 
 
 def near_partners(
@@ -86,15 +86,15 @@ def near_partners(
     candidate.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
-    found = np.full(len(episode), NOBODY)
+    result = np.full(len(episode), NOBODY)
     for place in map(int, np.flatnonzero(matched != NOBODY)):
         own = np.flatnonzero(episode == episode[place])
         own = own[value[own] != value[place]]
         if len(own):
             far = (scaled[own] - scaled[place]) ** 2
             short = np.maximum((scaled[matched[place]] - scaled[place]) ** 2 - far, 0.0).sum(axis=1)
-            found[place] = own[np.lexsort((far.sum(axis=1), short))[0]]
-    return found
+            result[place] = own[np.lexsort((far.sum(axis=1), short))[0]]
+    return result
 
 
 def reaches(states: npt.ArrayLike, frames: Places, near: Places, matched: Places) -> npt.NDArray[np.float64]:
@@ -129,4 +129,4 @@ def _valued(episodes: Sequence[object], values: Sequence[object] | None) -> Plac
 def _numbered(labels: Sequence[object]) -> Places:
     """Return equal labels as equal numbers, in the order of their first places."""
     numbers: dict[object, int] = {}
-    return np.array([numbers.setdefault(one, len(numbers)) for one in labels], dtype=np.intp)
+    return np.array([numbers.setdefault(label, len(numbers)) for label in labels], dtype=np.intp)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import TIE, Statistic, cannot_say
+from eyechart.stats.statistic import TIE, Statistic, not_available
 
 Floats = npt.NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def permute_mutual_information(tables: npt.ArrayLike, *, seed: int, resamples: i
     n = int(total.sum())
     method = f"mutual information in bits, i.i.d. permutation, B={resamples}"
     if n == 0:
-        return cannot_say("the table is empty", method=method)
+        return not_available("the table is empty", method=method)
     if min(np.count_nonzero(total.sum(axis=1)), np.count_nonzero(total.sum(axis=0))) < 2:
         note = "one row or one column: nothing can depend on it"
         return Statistic(0.0, n, p=1.0, method=method, note=note, unit="bits")
@@ -63,7 +63,7 @@ def permute_agreement(table: npt.ArrayLike, *, seed: int, resamples: int = 5000)
     counts = np.asarray(table, dtype=np.int64)
     n, method = int(counts.sum()), f"the same decisions in random order, 95% of {resamples} orders"
     if n == 0:
-        return cannot_say("no decisions to compare", method=method)
+        return not_available("no decisions to compare", method=method)
     drawn = np.trace(_random_tables(_stack(counts), resamples, seed), axis1=1, axis2=2)
     observed = int(np.trace(counts))
     low, high = (float(edge) / n for edge in np.quantile(drawn, [0.025, 0.975]))

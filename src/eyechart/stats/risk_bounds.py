@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, UpperBound, cannot_say
+from eyechart.stats.statistic import Statistic, UpperBound, not_available
 
 MOST_EPISODES = 10_000_000
 
@@ -27,7 +27,7 @@ def share_bound(k: int, n: int, *, confidence: float = 0.95) -> Statistic:
     _check(k, n, confidence)
     method = f"one-sided exact upper bound at confidence {confidence:g} (Clopper–Pearson), over episodes"
     if n == 0:
-        return cannot_say("no episodes", method=method)
+        return not_available("no episodes", method=method)
     ci = (0.0, _clopper_pearson(k, n, confidence))
     return UpperBound(k / n, n, ci, method=method, detail={"k": k}, level=confidence)
 
@@ -46,7 +46,7 @@ def mean_bound(losses: npt.ArrayLike, *, confidence: float = 0.95) -> Statistic:
     _check(0, len(given), confidence)
     method = f"one-sided upper bound at confidence {confidence:g} (Hoeffding–Bentkus), over episodes"
     if not len(given):
-        return cannot_say("no episodes", method=method)
+        return not_available("no episodes", method=method)
     mean, n = float(given.mean()), len(given)
     high = _lowest(lambda risk: hoeffding_bentkus_p(mean, n, risk) <= 1 - confidence, mean)
     return UpperBound(mean, n, (0.0, high), method=method, level=confidence)
@@ -68,7 +68,7 @@ def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, c
     method = f"one-sided upper bound at confidence {confidence:g} (bets on episodes), over frames of whole episodes"
     n = int(of.sum())
     if n == 0:
-        return cannot_say("no frames", method=method)
+        return not_available("no frames", method=method)
     value = float(got.sum()) / n
     # Half of the wealth is on the full stake.
     share = np.log([0.5, *[0.5 / (len(STAKES) - 1)] * (len(STAKES) - 1)])

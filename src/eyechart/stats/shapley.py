@@ -29,12 +29,12 @@ def shapley_values(worth: Mapping[Subset, npt.ArrayLike]) -> dict[str, Floats]:
     if missing := set(subsets(names)) - set(worth):
         raise ValueError(f"the worth of {sorted(map(sorted, missing))} is missing")
     arrays = {some: np.asarray(value, np.float64) for some, value in worth.items()}
-    found = {}
+    result = {}
     for name in names:
         rest = [one for one in names if one != name]
         parts = [_weight(len(some), len(names)) * (arrays[some | {name}] - arrays[some]) for some in subsets(rest)]
-        found[name] = np.asarray(sum(parts), np.float64)
-    return found
+        result[name] = np.asarray(sum(parts), np.float64)
+    return result
 
 
 def _weight(size: int, names: int) -> float:

@@ -79,10 +79,10 @@ class LogDistance(Share):
 Kind = TypeVar("Kind", bound=Statistic)
 
 
-def of_kind(kind: type[Kind], one: Statistic, **numbers: object) -> Kind:
+def of_kind(kind: type[Kind], statistic: Statistic, **numbers: object) -> Kind:
     """Return a statistic as another kind, with the shared fields and further numbers."""
-    kinds: tuple[type, type] = (type(one), kind)
-    return kind(**{name: getattr(one, name) for name in _shared(*kinds)} | numbers)
+    kinds: tuple[type, type] = (type(statistic), kind)
+    return kind(**{name: getattr(statistic, name) for name in _shared(*kinds)} | numbers)
 
 
 @cache

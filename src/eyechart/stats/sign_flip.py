@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.shares import FollowedShare
-from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
+from eyechart.stats.statistic import TIE, Statistic, chunks, not_available
 
 Floats = npt.NDArray[np.float64]
 
@@ -36,7 +36,7 @@ def sign_flip_test(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, re
         raise ValueError(f"{len(a)} values against {len(b)}: give both for the same worlds")
     method = "two-sided test by flipping the signs of paired differences"
     if not len(a):
-        return cannot_say("no pairs", method=method)
+        return not_available("no pairs", method=method)
     differences = a - b
     moved = differences[differences != 0]
     exact = len(moved) <= ENUMERATED_FLIPS
@@ -76,7 +76,7 @@ def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *
         raise ValueError(f"{len(along)} gains, {len(most)} full ones and {len(labels)} episodes: give one a frame")
     method = "share of what follows fully, one-sided test by flipping the signs of episodes"
     if not len(along) or abs(most.sum()) <= TIE:
-        return cannot_say("nothing was moved that could be followed", len(along), method)
+        return not_available("nothing was moved that could be followed", len(along), method)
     _, which = np.unique(labels, return_inverse=True)
     sums, fulls, counts = (np.bincount(which, one) for one in (along, most, np.ones_like(along)))
     means, share, many = sums / counts, float(along.sum() / most.sum()), len(sums)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
-from eyechart.records import picked, plain
+from eyechart.records import plain, to_json_fields
 
 CHUNK_BYTES = 2**24
 """Bytes of resamples drawn at a time; the draws do not depend on it."""
@@ -49,7 +49,7 @@ class Statistic:
         """Return the statistic as plain JSON values, with every key always present."""
         own = {one.name: getattr(self, one.name) for one in fields(self)[len(fields(Statistic)) :] if one.repr}
         detail = {name: plain(one) for name, one in own.items() if one is not None} | dict(self.detail or {})
-        return {**picked(self, "value n ci p method note"), "detail": detail or None}
+        return {**to_json_fields(self, "value n ci p method note"), "detail": detail or None}
 
     def less(self, by: float) -> Self:
         """Return the value and its interval moved down by an amount that has another cause."""
@@ -82,7 +82,7 @@ def percent(level: float) -> str:
     return f"{100 * level:g} %"
 
 
-def cannot_say(why: str, n: int = 0, method: str = "") -> Statistic:
+def not_available(why: str, n: int = 0, method: str = "") -> Statistic:
     """Return the statistic of data that cannot answer, with the reason."""
     return Statistic(value=None, n=n, method=method, note=why)
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.shares import Share
-from eyechart.stats.statistic import TIE, Statistic, cannot_say, chunks
+from eyechart.stats.statistic import TIE, Statistic, chunks, not_available
 
 Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
@@ -61,7 +61,7 @@ class Pairs:
         return np.asarray(sums, np.float64), counts
 
 
-def half_squares(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
+def squared_distance(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
     """Return half the mean squared difference of two answers to each frame, net of noise.
 
     The result has shape (n,); both have shape (k, n, …). With one answer it is ``½ |r - s|²``. With
@@ -107,14 +107,14 @@ def total_effect(
     episodes = _count(effect, variation)
     n, there = len(effect.values), len(np.unique(effect.owner))
     if there < 3:
-        return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
+        return not_available(f"{there} episodes have both answers, and three are needed", n, method)
     whole, without = _means(effect, episodes), _means(variation, episodes)
     if not without[0] > 0:
-        return cannot_say("the answers do not vary from episode to episode", n, method)
+        return not_available("the answers do not vary from episode to episode", n, method)
     shares = whole[1] / without[1]
     left = shares[np.isfinite(shares)]
     if len(left) < there:
-        return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
+        return not_available("too few pairs of episodes: without one of them none is left", n, method)
     share = float(whole[0] / without[0])
     error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
     detail = {"standard_error": error, "effect": float(whole[0]), "variation": float(without[0])}
@@ -151,15 +151,15 @@ def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *,
     episodes = _count(*first, *second)
     there = len(np.unique(effect.owner))
     if there < 3:
-        return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
+        return not_available(f"{there} episodes have both answers, and three are needed", n, method)
     parts = [[_means(one, episodes) for one in pair] for pair in (first, second)]
     if not all(variation[0] > 0 for _, variation in parts):
-        return cannot_say("the answers do not vary from episode to episode", n, method)
+        return not_available("the answers do not vary from episode to episode", n, method)
     (less, lacking), (more, kept) = ((whole[0] / without[0], whole[1] / without[1]) for whole, without in parts)
     apart, left = float(more - less), np.asarray(kept - lacking)
     left = left[np.isfinite(left)]
     if len(left) < there:
-        return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
+        return not_available("too few pairs of episodes: without one of them none is left", n, method)
     error = float(np.sqrt((len(left) - 1) / len(left) * ((left - left.mean()) ** 2).sum()))
     wide = t_quantile(level, there - 1) * error
     p = _two_sided(apart / error, there - 1) if error > 0 else float(apart == 0)
@@ -187,13 +187,13 @@ def share_beyond(effect: Pairs, other: Pairs, variation: Pairs, *, level: float 
     episodes = _count(*every)
     n, there = len(effect.values), len(np.unique(effect.owner))
     if there < 3:
-        return cannot_say(f"{there} episodes have both answers, and three are needed", n, method)
+        return not_available(f"{there} episodes have both answers, and three are needed", n, method)
     (more, mores), (less, lesses), (whole, wholes) = (_means(one, episodes) for one in every)
     if not whole > 0:
-        return cannot_say("the answers do not vary from episode to episode", n, method)
+        return not_available("the answers do not vary from episode to episode", n, method)
     good = np.isfinite(mores) & np.isfinite(lesses) & np.isfinite(wholes)
     if good.sum() < there:
-        return cannot_say("too few pairs of episodes: without one of them none is left", n, method)
+        return not_available("too few pairs of episodes: without one of them none is left", n, method)
     first, second = more / whole, max(less / whole, 0.0)
     left = np.stack([mores[good] / wholes[good], np.maximum(lesses[good] / wholes[good], 0.0)])
     value, ends = float((more - less) / whole), _inverted(first, second, left, t_quantile(level, there - 1))
@@ -230,7 +230,7 @@ def _inverted(first: float, second: float, left: Floats, quantile: float) -> tup
 
 def _count(*pairs: Pairs) -> int:
     """Return the number of episodes; a partner's may have no frame of its own."""
-    return max(int(max(np.max(one.owner, initial=-1), np.max(one.partner, initial=-1))) for one in pairs) + 1
+    return max(int(max(np.max(pair.owner, initial=-1), np.max(pair.partner, initial=-1))) for pair in pairs) + 1
 
 
 def _means(pairs: Pairs, episodes: int) -> tuple[float, Floats]:
@@ -266,7 +266,7 @@ def _two_sided(t: float, freedom: int) -> float:
     return float(2 * special.stdtr(freedom, -abs(t)))
 
 
-def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 1999) -> float | None:
+def permutation_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, resamples: int = 1999) -> float | None:
     """Return the p of "exchanging the channel changes nothing at all"; None for one answer each.
 
     Both have shape (k, n, …). Under the hypothesis the 2 k answers to a frame are in any order, so
@@ -290,7 +290,7 @@ def relabelling_p(first: npt.ArrayLike, second: npt.ArrayLike, *, seed: int, res
     return (drawn + 1) / (resamples + 1)
 
 
-def scattering(
+def dispersion_change(
     first: npt.ArrayLike, second: npt.ArrayLike, variation: float, *, seed: int, resamples: int = 1999
 ) -> tuple[float, float] | None:
     """Return the change in the answers' scatter as a share of the variation, and its p.
@@ -310,7 +310,9 @@ def scattering(
         return None
     pool = np.concatenate([r, s]).reshape(2 * k, n, -1)
     every = range(2 * k)
-    dealt = [(list(one), [other for other in every if other not in one]) for one in combinations(every, k) if 0 in one]
+    dealt = [
+        (list(pair), [other for other in every if other not in pair]) for pair in combinations(every, k) if 0 in pair
+    ]
     apart = np.stack(
         [abs(pool[one].var(axis=0, ddof=1) - pool[other].var(axis=0, ddof=1)).mean(axis=1) for one, other in dealt]
     )
@@ -334,13 +336,13 @@ def shares_of_parts(
     effect, variation = half_products(first, second).mean(axis=0), half_products(one, other).mean(axis=0)
     least = TIE * max(1.0, float(variation.mean()))
     parts = {"dimension": 0, "step": 1}
-    found = {}
+    result = {}
     for name, axis in parts.items():
         with np.errstate(invalid="ignore", divide="ignore"):
             shares = effect.mean(axis=axis) / variation.mean(axis=axis)
         varies = variation.mean(axis=axis) > least
-        found[name] = tuple(float(share) if good else None for share, good in zip(shares, varies, strict=True))
-    return found
+        result[name] = tuple(float(share) if good else None for share, good in zip(shares, varies, strict=True))
+    return result
 
 
 def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike) -> Statistic:
@@ -353,7 +355,7 @@ def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike
     a, b, c = (np.asarray(one, np.float64) for one in (first, again, other))
     method = "squared distance of two answers to one frame, over that to another episode's"
     if not len(a):
-        return cannot_say("no frame was answered twice", method=method)
+        return not_available("no frame was answered twice", method=method)
     whole = float(((a - c) ** 2).mean())
     if not whole > 0:
         return Share(None, len(a), method=method, note="the answers do not vary from episode to episode", alike=True)
@@ -370,11 +372,11 @@ def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places
     a, b = np.asarray(answers, np.float64), np.asarray(logged, np.float64)
     method = f"squared error over the variance of the logged actions, {100 * level:g}% interval over episodes"
     if not len(a):
-        return cannot_say("no frame has an answer and a logged action", method=method)
+        return not_available("no frame has an answer and a logged action", method=method)
     error = ((a - b) ** 2).reshape(len(a), -1).mean(axis=1)
     spread = ((b - b.mean(axis=0)) ** 2).reshape(len(b), -1).mean(axis=1)
     if not spread.mean() > 0:
-        return cannot_say("the logged actions are all the same", len(a), method)
+        return not_available("the logged actions are all the same", len(a), method)
     _, numbered = np.unique(episodes, return_inverse=True)
     if numbered.max() < 2:
         return Statistic(float(error.mean() / spread.mean()), len(a), method=method, note="fewer than three episodes")
@@ -391,7 +393,7 @@ def held_still(answers: npt.ArrayLike, logged: npt.ArrayLike) -> tuple[int, ...]
     return tuple(np.flatnonzero((own < ROUNDING) & (theirs > _MOVES)).tolist())
 
 
-def rounded(answers: npt.ArrayLike) -> Floats:
+def rounding_tolerance(answers: npt.ArrayLike) -> Floats:
     """Return the largest difference of answers that is rounding, shape (dimensions,).
 
     ``answers``, shape (frames, steps, dimensions), are those to different moments. Parallel sums
@@ -403,7 +405,7 @@ def rounded(answers: npt.ArrayLike) -> Floats:
     return np.asarray(np.maximum(ROUNDING * rows.std(axis=0), LAST_BITS * np.sqrt((rows**2).mean(axis=0))))
 
 
-def unlikeness(answers: Floats, logged: Floats) -> tuple[tuple[float, int], tuple[float, int]]:
+def distance_from_log(answers: Floats, logged: Floats) -> tuple[tuple[float, int], tuple[float, int]]:
     """Return the largest offset and the largest ratio of spreads to the log, with their dimensions.
 
     Both have shape (n, steps, dimensions), in units of scale. The offset is a distance of means in

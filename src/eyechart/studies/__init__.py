@@ -220,10 +220,10 @@ class Study(ABC, Generic[S]):
 
     def took(self, folder: Path, prices: Prices) -> RunCosts:
         """Return the costs of all runs of a folder."""
-        found = RunCosts()
+        runcosts = RunCosts()
         for name, run in self.runs(folder).items():
-            found.add(name, self.took_run(run, prices))
-        return found
+            runcosts.add(name, self.took_run(run, prices))
+        return runcosts
 
     def deployment(self, runs: Sequence[Path], reading: ReadOptions) -> "Table | None":
         """Return cost and time per decision, in the paper's units; None where no model was called.
@@ -231,13 +231,13 @@ class Study(ABC, Generic[S]):
         A model of several runs is named with its run.
         """
         from eyechart.report.accounts import deployment_table  # noqa: PLC0415 - a score needs no tables
-        from eyechart.report.table import stacked  # noqa: PLC0415 - as above
+        from eyechart.report.table import stack_tables  # noqa: PLC0415 - as above
 
         prices, tables = reading.prices or read_prices(), {}
         for run, name in zip(runs, names_of(runs), strict=True):
             accounts = self.took(run, prices).accounts
             tables[name] = deployment_table({spec: found[ALL] for spec, found in accounts.items()})
-        found = replace(stacked(tables), name="deployment")
+        found = replace(stack_tables(tables), name="deployment")
         return found if found.rows else None
 
     @abstractmethod
@@ -255,14 +255,14 @@ class Study(ABC, Generic[S]):
 
     def unread(self, folder: Path) -> dict[str, tuple[UnreadReply, ...]]:
         """Return the replies of each model that hold no decision, in all runs of a folder."""
-        found: dict[str, tuple[UnreadReply, ...]] = {}
+        result: dict[str, tuple[UnreadReply, ...]] = {}
         for name, run in self.runs(folder).items():
             manifest, space = self.asked(run)
             if (run / LEDGER).is_file():
                 with Ledger(run / LEDGER) as ledger:
                     where = f" in {name}" if name else ""
-                    found |= {f"{spec}{where}": unread(ledger, spec, space) for spec in manifest.models}
-        return found
+                    result |= {f"{spec}{where}": unread(ledger, spec, space) for spec in manifest.models}
+        return result
 
     def verdicts(self, score: S) -> "Mapping[str, Verdict]":
         """Return the verdict on each model; empty for a study without verdicts."""
@@ -276,7 +276,7 @@ class Study(ABC, Generic[S]):
 
     def verdict_json(self, score: S) -> Mapping[str, object]:
         """Return the verdicts as plain JSON values."""
-        return {"models": {spec: one.as_dict() for spec, one in self.verdicts(score).items()}}
+        return {"models": {spec: verdict.as_dict() for spec, verdict in self.verdicts(score).items()}}
 
     def verdict_printed(self, score: S) -> "Iterator[Table | Text | str]":
         """Yield what ``eyechart verdict`` prints."""
@@ -304,16 +304,16 @@ class Study(ABC, Generic[S]):
             tell(f"scoring {run.name}")
             scores[name] = self.score(run, reading)
             parts = list(self.printed(scores[name]))
-            lines = [one for one in parts if isinstance(one, str)]
+            lines = [part for part in parts if isinstance(part, str)]
             every = f"Every number of {name}" if len(runs) > 1 else "Every number"
-            sections.append(Section(every, tables=[one for one in parts if not isinstance(one, str)], lines=lines))
+            sections.append(Section(every, tables=[part for part in parts if not isinstance(part, str)], lines=lines))
         if (costs := self.deployment(runs, reading)) is not None:
             sections.append(Section("What decisions cost and take", tables=[costs]))
         title = ", ".join(run.name for run in runs)
         page = page_of(
             self.question or f"What came of these {self.runs_are}?", title, sections, answer=self.answer(scores)
         )
-        return StudyReport(page, [table for one in sections for table in one.tables], page.notes)
+        return StudyReport(page, [table for section in sections for table in section.tables], page.notes)
 
     def answer(self, scores: Mapping[str, S]) -> "PageSummary | None":
         """Return the opening of the report, from scores by run; None to begin with the tables."""
@@ -376,10 +376,10 @@ def study_of(folder: Path, to: str = "") -> Study[Any]:
 
 def each_once(runs: Iterable[Path]) -> list[Path]:
     """Return the folders in order, each once, under the first name given for it."""
-    found: dict[Path, Path] = {}
-    for one in runs:
-        found.setdefault(one.resolve(), one)
-    return list(found.values())
+    paths: dict[Path, Path] = {}
+    for run in runs:
+        paths.setdefault(run.resolve(), run)
+    return list(paths.values())
 
 
 def names_of(runs: Sequence[Path]) -> list[str]:

@@ -85,8 +85,8 @@ def plan_probed(
     if allowed.dry_run:
         tell(f"not probed yet, so that nothing is known of its replies: {', '.join(unprobed)}")
         return planned, {}
-    allowed.require_room(unprobed, made := spent_on(study.runs, allowed.prices))
-    found = _found(planned, [one for one in modes if one.spec in unprobed], ask, allowed, made.cost_usd)
+    allowed.require_room(unprobed, usage := spent_on(study.runs, allowed.prices))
+    found = _found(planned, [mode for mode in modes if mode.spec in unprobed], ask, allowed, usage.cost_usd)
     why = {spec: f"it cannot be probed: {one}" for spec, one in found.items() if not isinstance(one, RequestMode)}
     pinned = [one for mode in modes if isinstance(one := found.get(mode.spec, mode), RequestMode)]
     return (study.plan(pinned) if pinned or study.others else None), why
@@ -98,7 +98,7 @@ def _found(
     """Probe models one after another; return their modes or errors. ``cost`` was spent before."""
     from eyechart.probe import ProbeError  # noqa: PLC0415 - reading the costs of a run needs no probe
 
-    found: dict[str, RequestMode | ProbeError] = {}
+    result: dict[str, RequestMode | ProbeError] = {}
     sample = replace(planned.sample(), at_once=allowed.concurrency)
     keeper = planned.keeper
     with alone_in(keeper.out):
@@ -112,8 +112,8 @@ def _found(
             most = None if allowed.max_cost is None else max(0.0, allowed.max_cost - cost)
             one = ask(mode, sample, most, spend)
             cost += one.spent.cost_usd
-            found[mode.spec] = one if isinstance(one, ProbeError) else one.mode
-    return found
+            result[mode.spec] = one if isinstance(one, ProbeError) else one.mode
+    return result
 
 
 def _known(study: Planner[P], asked: RunModes, allowed: RunAllowance) -> tuple[list[RequestMode], list[str]]:
@@ -159,7 +159,7 @@ def accept_losses(out: Path) -> Iterator[tuple[Path, WrittenCounts]]:
 
     Raises LedgerError where a ledger is damaged, or another process writes to it.
     """
-    found = {one.with_name(LEDGER) for where in _LEDGERS for one in out.glob(f"{where}{LEDGER}*")}
+    found = {path.with_name(LEDGER) for where in _LEDGERS for path in out.glob(f"{where}{LEDGER}*")}
     for ledger in sorted(found):
         with alone_in(ledger.parent):
             lost = accept_loss(ledger)
@@ -175,7 +175,7 @@ def spent_on(runs: Iterable[Path], prices: Prices) -> Usage:
 def beside(runs: Iterable[Path], part: PlannedRun, how: RunAllowance) -> RunAllowance:
     """Return the limits of one ``part``, where limits bound all of a study's runs together."""
     bounded = (how.max_calls, how.max_cost) != (None, None)
-    return replace(how, before=spent_on((one for one in runs if bounded and one != part.out), how.prices))
+    return replace(how, before=spent_on((run for run in runs if bounded and run != part.out), how.prices))
 
 
 def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -> Usage:
@@ -183,10 +183,10 @@ def spent(run: Path, manifest: RunManifest | EpisodesManifest, prices: Prices) -
     made = manifest.spent_before()
     with Ledger(run / LEDGER, absent=True) as ledger:
         for spec in manifest.models:
-            for one in ledger.attempts(spec):
-                if one.reply is None or one.reply.error not in UNASKED:  # UNASKED attempts were never sent
-                    cost = None if one.reply is None else prices.cost(manifest.mode(spec), one.reply)[0]
-                    made = made.plus(one.reply or Reply(), cost)
+            for attempt in ledger.attempts(spec):
+                if attempt.reply is None or attempt.reply.error not in UNASKED:  # UNASKED attempts were never sent
+                    cost = None if attempt.reply is None else prices.cost(manifest.mode(spec), attempt.reply)[0]
+                    made = made.plus(attempt.reply or Reply(), cost)
     return made
 
 

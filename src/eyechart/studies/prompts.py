@@ -26,11 +26,23 @@ from eyechart.planned_run import Bar, PlannedRun, RunAllowance, RunEnding, calls
 from eyechart.prompts import PROMPTS
 from eyechart.records import KeyedRecord
 from eyechart.report.accounts import costs_table
-from eyechart.report.table import MARK, Cell, Column, Mark, Table, columns, estimate, marked, number, p_value, stacked
+from eyechart.report.table import (
+    MARK,
+    Cell,
+    Column,
+    Mark,
+    Table,
+    columns,
+    estimate,
+    marked,
+    number,
+    p_value,
+    stack_tables,
+)
 from eyechart.run import Progress
 from eyechart.stats.agreement import rate
 from eyechart.stats.resamples import holm
-from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.stats.statistic import ModelStatistics, Statistic, not_available
 from eyechart.studies import NO_DRIVES, ModelSummary, ReadOptions, StudyReport, Tell, battery, run_json
 from eyechart.studies.battery import FrameStudy
 from eyechart.studies.probes import beside
@@ -105,7 +117,7 @@ class PromptStudy(PlannedRun):
                 lasting |= {f"{spec} in {name}" for spec in outcome.lasting}
                 if outcome.stopped is not None and cell.left():
                     bounds = {"--max-calls": how.max_calls, "--max-cost": how.max_cost}
-                    words = " and ".join(f"{option} {one:g}" for option, one in bounds.items() if one is not None)
+                    words = " and ".join(f"{option} {bound:g}" for option, bound in bounds.items() if bound is not None)
                     stopped = f"in cell {name}, within {words} for all cells"
                     return RunOutcome(set_aside, stopped, uncounted, lasting=lasting)
                 start += planned[name]
@@ -166,7 +178,7 @@ def plan(
     frames per cell, the same in each. Raises what `battery.plan` raises, and SpecError where two
     cells would be the same.
     """
-    modes = [RequestMode(one) if isinstance(one, str) else one for one in specs]
+    modes = [RequestMode(spec) if isinstance(spec, str) else spec for spec in specs]
     cells: dict[str, battery.Battery] = {}
     for prompt in prompts:
         for factor in factors:
@@ -190,12 +202,12 @@ def plan(
 
 def cells_in(out: Path) -> list[Path]:
     """Return the folders of the cells that are begun."""
-    return [one for one in sorted(out.iterdir()) if is_run(one)] if out.is_dir() else []
+    return [path for path in sorted(out.iterdir()) if is_run(path)] if out.is_dir() else []
 
 
 def _asked_in(out: Path) -> list[Path]:
     """Return the folders of the cells with at least one model in their manifest."""
-    return [one for one in cells_in(out) if run_json(one).get("models")]
+    return [cell for cell in cells_in(out) if run_json(cell).get("models")]
 
 
 def _read_cells(folder: Path) -> list[Mapping[str, object]]:
@@ -212,8 +224,8 @@ def is_study(folder: Path) -> bool:
     Cells have the same models and frames, and no two have the same prompt and modes.
     """
     cells = _read_cells(folder)
-    alike = {json.dumps([one.get(name) for name in _ALIKE], sort_keys=True) for one in cells}
-    return len(alike) == 1 < len(cells) == len({repr([one.get("prompt"), one.get("modes")]) for one in cells})
+    alike = {json.dumps([cell.get(name) for name in _ALIKE], sort_keys=True) for cell in cells}
+    return len(alike) == 1 < len(cells) == len({repr([cell.get("prompt"), cell.get("modes")]) for cell in cells})
 
 
 def may_be_study(folder: Path) -> bool:
@@ -222,8 +234,8 @@ def may_be_study(folder: Path) -> bool:
     Each cell has a prompt of its own.
     """
     cells = _read_cells(folder)
-    alike = {json.dumps([one.get(name) for name in _ALIKE if name != "models"], sort_keys=True) for one in cells}
-    return len(alike) == 1 < len(cells) == len({repr(one.get("prompt")) for one in cells})
+    alike = {json.dumps([cell.get(name) for name in _ALIKE if name != "models"], sort_keys=True) for cell in cells}
+    return len(alike) == 1 < len(cells) == len({repr(cell.get("prompt")) for cell in cells})
 
 
 def run(
@@ -294,7 +306,7 @@ def _batteries(path: Path, *, resamples: int, reread: bool) -> dict[str, battery
     """Return each cell's battery score by the cell's name, in the order of the built-in prompts."""
     if is_run(path) or not (cells := _asked_in(path)):
         raise LedgerError(f"{path} holds no prompt study; 'eyechart run prompts' makes one")
-    scored = {one.name: battery.score(one, resamples=resamples, reread=reread) for one in cells}
+    scored = {cell.name: battery.score(cell, resamples=resamples, reread=reread) for cell in cells}
     if len({one.manifest.fingerprint for one in scored.values()}) > 1:
         raise LedgerError(f"{path} holds cells on several banks, whose numbers cannot be compared")
     order = {name: place for place, name in enumerate(PROMPTS)}
@@ -310,7 +322,7 @@ def _of_batteries(scored: Mapping[str, battery.BatteryScore]) -> tuple[CellScore
 def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> list[CellScore]:
     asked = [(name, one) for name, one in named if spec in one.models]
     found = [_statistics(one.models[spec]) for _, one in asked]
-    corrected = {test: holm([one[test].p for one in found]) for test in DEPENDENCE}
+    corrected = {test: holm([statistics[test].p for statistics in found]) for test in DEPENDENCE}
     return [
         CellScore(
             name=name,
@@ -342,14 +354,14 @@ def _statistics(score: battery.ModelScore) -> dict[str, Statistic]:
         modal = rate(int(counts.max()), n)
         distinct = Statistic(float(len(names)), n, method="distinct outputs on real pictures, UNPARSED among them")
     else:
-        modal = distinct = cannot_say("no answers to real pictures")
-    found = score.statistics
+        modal = distinct = not_available("no answers to real pictures")
+    statistics = score.statistics
     return {
         "modal_share": modal,
         "distinct_outputs": distinct,
-        **{name: found[name] for name in ("idi", "noise_floor", "idi_adj")},
-        "unparsed_rate": found["unparsed_rate"],
-        **{name: found[name] for name in DEPENDENCE},
+        **{name: statistics[name] for name in ("idi", "noise_floor", "idi_adj")},
+        "unparsed_rate": statistics["unparsed_rate"],
+        **{name: statistics[name] for name in DEPENDENCE},
     }
 
 
@@ -361,10 +373,10 @@ def prompts_table(cells: Sequence[CellScore]) -> Table:
     )
     rows = []
     for cell in cells:
-        found = cell.statistics
+        statistics = cell.statistics
         who = (cell.model, Mark(cell.name, "", MARK if cell.marks else ""))
-        numbers = [found[name].value for name in ("unparsed_rate", "cramers_v_real_blank", "mutual_information")]
-        diversity = (found["modal_share"], found["distinct_outputs"].value, found["idi"])
+        numbers = [statistics[name].value for name in ("unparsed_rate", "cramers_v_real_blank", "mutual_information")]
+        diversity = (statistics["modal_share"], statistics["distinct_outputs"].value, statistics["idi"])
         p, calls = cell.holm["mutual_information"], f"{cell.answered}/{cell.planned}"
         rows.append((*who, *diversity, *numbers, p, calls))
     named = (
@@ -382,9 +394,9 @@ def prompts_table(cells: Sequence[CellScore]) -> Table:
 
 def paper_table(scores: Mapping[str, Sequence[CellScore]]) -> Table:
     """Return Table t:prompts in the paper's form, for cells by study, a row per cell."""
-    made = stacked({name: _as_published(cells) for name, cells in scores.items()})
+    table = stack_tables({name: _as_published(cells) for name, cells in scores.items()})
     counts = [cell.statistics["modal_share"].n for cells in scores.values() for cell in cells]
-    return made.counted(counts, "queries", "with the real picture per cell").labelled("t:prompts")
+    return table.counted(counts, "queries", "with the real picture per cell").labelled("t:prompts")
 
 
 def _as_published(cells: Sequence[CellScore]) -> Table:
@@ -444,7 +456,7 @@ class PromptSensitivity:
     @property
     def seeing(self) -> list[CellScore]:
         """Return the cells whose answers depend on the gap."""
-        return [one for one in self.cells if one.label.family == "sees"]
+        return [cell for cell in self.cells if cell.label.family == "sees"]
 
     @property
     def tone(self) -> str:
@@ -453,7 +465,7 @@ class PromptSensitivity:
         "blind" means one answer to every picture. In a cell where no link is shown there may still
         be one: "open".
         """
-        tones = {one.label.family for one in self.cells}
+        tones = {cell.label.family for cell in self.cells}
         if "sees" in tones:
             return "sees" if tones == {"sees"} else "partly"
         return "blind" if tones == {"blind"} else "open"
@@ -483,23 +495,23 @@ class PromptSensitivity:
     @property
     def best(self) -> CellScore:
         """Return the cell with the smallest p for the gap, the first of several equal ones."""
-        return min(self.cells, key=lambda one: 2.0 if (p := one.holm["mutual_information"]) is None else p)
+        return min(self.cells, key=lambda cell: 2.0 if (p := cell.holm["mutual_information"]) is None else p)
 
     @property
     def why_not(self) -> str:
         """Return why it is not shown to look under more prompts; empty if it looks under all."""
-        rest = [one for one in self.cells if one not in self.seeing]
+        rest = [cell for cell in self.cells if cell not in self.seeing]
         told = []
         for tone in ("partly", "blind", "open"):
-            mine = [one for one in rest if one.label.family == tone]
+            mine = [cell for cell in rest if cell.label.family == tone]
             if not mine:
                 continue
-            least = min(mine, key=lambda one: 2.0 if (p := one.holm["mutual_information"]) is None else p)
+            least = min(mine, key=lambda cell: 2.0 if (p := cell.holm["mutual_information"]) is None else p)
             p = p_value(least.holm["mutual_information"])
-            n = max(one.statistics["mutual_information"].n for one in mine)
-            told.append(f"Under {listed([one.name for one in mine])} {_WHY[tone].format(p=p, n=n)}.")
-        if open_cells := [one for one in rest if one.label.family != "blind"]:
-            n = max(one.statistics["mutual_information"].n for one in open_cells)
+            n = max(cell.statistics["mutual_information"].n for cell in mine)
+            told.append(f"Under {listed([cell.name for cell in mine])} {_WHY[tone].format(p=p, n=n)}.")
+        if open_cells := [cell for cell in rest if cell.label.family != "blind"]:
+            n = max(open_cell.statistics["mutual_information"].n for open_cell in open_cells)
             told.append(f"More than {n} frames may show a weaker link.")
         return " ".join(told)
 
@@ -522,8 +534,8 @@ def listed(names: Sequence[str]) -> str:
 
 def by_model(cells: Sequence[CellScore]) -> list[PromptSensitivity]:
     """Return the cells of each model together."""
-    models = dict.fromkeys(one.model for one in cells)
-    return [PromptSensitivity(spec, tuple(one for one in cells if one.model == spec)) for spec in models]
+    models = dict.fromkeys(cell.model for cell in cells)
+    return [PromptSensitivity(spec, tuple(cell for cell in cells if cell.model == spec)) for spec in models]
 
 
 _CELLS = "is a prompt study, with one run per cell: name a cell, as RUN/CELL"
@@ -532,8 +544,8 @@ _CELLS = "is a prompt study, with one run per cell: name a cell, as RUN/CELL"
 def _sentence(everyone: Mapping[str, PromptSensitivity]) -> str:
     """Return in one sentence under which prompts each model looks; for many models, only counts."""
     if len(everyone) <= _MOST_LISTED:
-        return "; ".join(f"{who}: {one.label}" for who, one in everyone.items()) + "."
-    tones = [one.tone for one in everyone.values()]
+        return "; ".join(f"{who}: {sensitivity.label}" for who, sensitivity in everyone.items()) + "."
+    tones = [sensitivity.tone for sensitivity in everyone.values()]
     told = {
         "sees": "under every prompt",
         "partly": "under some",
@@ -548,10 +560,12 @@ def _grid(everyone: Mapping[str, PromptSensitivity]) -> "Grid":
     """Return a grid of prompts and models: each cell's information about the gap."""
     from eyechart.report.page import Grid  # noqa: PLC0415 - a score needs no templates
 
-    names = list(dict.fromkeys(cell.name for one in everyone.values() for cell in one.cells))
+    names = list(dict.fromkeys(cell.name for sensitivity in everyone.values() for cell in sensitivity.cells))
     rows = []
     for name in names:
-        cells = [next((cell for cell in one.cells if cell.name == name), None) for one in everyone.values()]
+        cells = [
+            next((cell for cell in sensitivity.cells if cell.name == name), None) for sensitivity in everyone.values()
+        ]
         rows.append((name, [None if cell is None else _told(cell) for cell in cells]))
     return Grid("prompt", list(everyone), rows)
 
@@ -594,25 +608,28 @@ class Prompts(FrameStudy[PromptsScore]):
 
     def findings(self, score: PromptsScore) -> Mapping[str, ModelSummary]:
         """Return under which prompts each model looks, by the cell with the smallest p."""
-        found = {}
-        for one in by_model(score.cells):
-            by, marks = f"mutual_information, {one.best.name}", [mark for cell in one.cells for mark in cell.marks]
-            label = one.label if one.label.startswith("under") else f"under {one.label}"
-            state = next((cell.state for cell in one.cells if cell.state), "")
-            estimated = one.best.statistics["mutual_information"]
-            found[one.model] = ModelSummary(
-                f"looks {label}", one.tone, by, estimated, state, tuple(dict.fromkeys(marks))
+        result = {}
+        for sensitivity in by_model(score.cells):
+            by, marks = (
+                f"mutual_information, {sensitivity.best.name}",
+                [mark for cell in sensitivity.cells for mark in cell.marks],
             )
-        return found
+            label = sensitivity.label if sensitivity.label.startswith("under") else f"under {sensitivity.label}"
+            state = next((cell.state for cell in sensitivity.cells if cell.state), "")
+            estimated = sensitivity.best.statistics["mutual_information"]
+            result[sensitivity.model] = ModelSummary(
+                f"looks {label}", sensitivity.tone, by, estimated, state, tuple(dict.fromkeys(marks))
+            )
+        return result
 
     def answer(self, scores: Mapping[str, PromptsScore]) -> "PageSummary":
         """Return under which prompts each model looks, and a grid of models and prompts."""
         from eyechart.report.page import MOST_SAID, PageSummary, VerdictSummary  # noqa: PLC0415 - a score needs no templates
 
         everyone = {
-            f"{name} · {one.model}" if len(scores) > 1 else one.model: one
+            f"{name} · {sensitivity.model}" if len(scores) > 1 else sensitivity.model: sensitivity
             for name, score in scores.items()
-            for one in by_model(score.cells)
+            for sensitivity in by_model(score.cells)
         }
         said = []
         for who, one in everyone.items():

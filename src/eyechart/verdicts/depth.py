@@ -55,7 +55,7 @@ def _bound(name: str, reads: str, holds: str, threshold: float, but: str, **more
 
 def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
     """Return the condition that one of some readings holds; if all fail, depth is refuted."""
-    made = tuple(Reading(*one) for one in readings)
+    made = tuple(Reading(*reading) for reading in readings)
     return Clause(name, made, but, needs=" or ".join(map(str, made)), untested=True)
 
 
@@ -208,7 +208,7 @@ def open_kinds(found: NamedStatistics) -> Iterator[str]:
         if not clause.holds(found):
             yield f"that comparisons of {kind.replace('_', ' and ')} distances come out the wrong way round"
     for name in THIRDS:
-        if found[f"specificity_{name}"].ci is None and not any(one.of == "range" for one in holes(found)):
+        if found[f"specificity_{name}"].ci is None and not any(hole.of == "range" for hole in holes(found)):
             yield f"that it brakes for a vehicle beside in the {name} third of the range"
     one = found["place_open"]
     for place in one.places if isinstance(one, Places) else ():
@@ -225,8 +225,8 @@ def bound(found: NamedStatistics) -> str:
 def named(places: Sequence[Place]) -> str:
     """Return places in words; those of one count together: they are often the same frames."""
     where: dict[tuple[int, int], list[str]] = {}
-    for one in places:
-        where.setdefault((one.harder, one.frames), []).append(one.where)
+    for place in places:
+        where.setdefault((place.harder, place.frames), []).append(place.where)
     return ", nor ".join(
         f"{', '.join(names)}: {harder} of {frames}{' each' if len(names) > 1 else ''}"
         for (harder, frames), names in where.items()

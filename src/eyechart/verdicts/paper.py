@@ -54,7 +54,7 @@ PAPER = Axis(
         ),
         *(
             Rule("presence_only", "gap_order", (clause,), _UNGRADED)
-            for clause in (*(missing(one.statistic) for one in _FOLLOWS), missing("gap_order", "value"))
+            for clause in (*(missing(clause.statistic) for clause in _FOLLOWS), missing("gap_order", "value"))
         ),
         Rule("presence_only", says="the action does not follow the gap", broken=_FOLLOWS, worst=True),
         Rule("presence_only", "gap_order", (_FARTHER,), "it does not brake nearer than it proceeds"),
@@ -84,8 +84,8 @@ def findings(evidence: Evidence) -> list[str]:
     Source: paper, sections The Input-Ablation Battery (refusal effect, noise floor), Models
     (truncation) and Edge models are image-invariant (image token).
     """
-    found = evidence.statistics
-    return [*_cut(evidence), *_refusal(evidence), *_noise(found), *_image_token(found)]
+    statistics = evidence.statistics
+    return [*_cut(evidence), *_refusal(evidence), *_noise(statistics), *_image_token(statistics)]
 
 
 def _cut(evidence: Evidence) -> list[str]:
@@ -108,7 +108,7 @@ def _refusal(evidence: Evidence) -> list[str]:
         return []
     name, symbol = ("cramers_v_real_blank", "V(real, blank)") if worst == "blank" else ("cramers_v", "V")
     tests = (found[name], found[f"{name}.decision"])
-    outputs, decisions = (f"{symbol} = {number(one)}{and_p(one)} over" for one in tests)
+    outputs, decisions = (f"{symbol} = {number(test)}{and_p(test)} over" for test in tests)
     counts = " and ".join(f"{missing[name]} of {asked[name]} to {name}" for name in (worst, "real"))
     says = f"{outputs} outputs, and {decisions} decisions; no decision in {counts}"
     return [f"refusal effect: the picture decides whether it answers, not what it answers: {says}"]

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.stats.risk_bounds import episodes_needed
 from eyechart.stats.shares import FollowedShare, Share
 from eyechart.stats.statistic import Statistic
@@ -33,19 +33,19 @@ from eyechart.verdicts.share_predicates import (
     bounded,
     carrying,
     disuse,
-    enough,
     following,
+    is_conclusive,
+    is_used,
     lossy,
-    may_follow,
+    may_exceed,
     measured,
+    measured_clauses,
     of_action,
-    quoted,
+    quote,
     sentence,
-    settled,
     share,
     undecided,
     use,
-    used,
     way,
 )
 
@@ -111,7 +111,7 @@ class AxisVerdict:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values; ``data_set`` bounds an absence for the whole data set."""
-        found = picked(self, "label because by why_not")
+        found = to_json_fields(self, "label because by why_not")
         if self.responds is None or self.responds.ci is None:
             return found
         episodes = {"episodes": self.responds.n, "responding": _count(self.responds)}
@@ -205,7 +205,9 @@ def _against(claim: str, channel: str, singles: tuple[str, ...]) -> Iterator[tup
 def _controls(claim: str, channel: str, singles: tuple[str, ...]) -> tuple[str, ...]:
     if channel != "cameras":
         return (condition_of("exchanged", channel),) if channel.startswith("camera:") else ()
-    return tuple(dict.fromkeys((*OF_ITS_WORLD, *_MOVES, *(name for one in singles for name in rests_on(claim, one)))))
+    return tuple(
+        dict.fromkeys((*OF_ITS_WORLD, *_MOVES, *(name for single in singles for name in rests_on(claim, single))))
+    )
 
 
 @dataclass(frozen=True)
@@ -289,7 +291,9 @@ class _CameraRules:
         beyond, near = f"beyond@{self.channel}", f"near@{self.channel}"
         unseen = (*needs, fail(use(beyond)), *map(fail, _proofs(self.channel)))
         own = f"{{lost:{beyond}|own:{self.channel}}}{{also:{self.share('exchanged')}}}"
-        yield undecided(beyond, (*unseen, *enough(beyond)), f"{self.seen}; but {own}: it may read its own pose")
+        yield undecided(
+            beyond, (*unseen, *measured_clauses(beyond)), f"{self.seen}; but {own}: it may read its own pose"
+        )
         why = f"{{without:{near}|why_open:{beyond}}}{{also:{self.share('exchanged')}}}"
         why = f"{self.seen}; without a picture of its own episode it may read its own pose: {why}"
         yield from (undecided(beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
@@ -320,7 +324,7 @@ def _proofs(channel: str) -> tuple[tuple[Clause, ...], ...]:
 def _still(found: ShareStatistics, channel: str) -> str:
     """Return in words which numbers of the state never change within an episode."""
     still = ", ".join(map(str, found[f"beyond@{channel}"].still or ()))
-    proven = any(all(clause.holds(found) for clause in one) for one in _proofs(channel))
+    proven = any(all(clause.holds(found) for clause in proof) for proof in _proofs(channel))
     never = "of the state, which never changes within an episode, counts too"
     return f"; what the picture tells of {still} {never}" if still and not proven else ""
 
@@ -340,12 +344,12 @@ def _own(found: ShareStatistics, channel: str) -> str:
 @word
 def _exchanged(one: Share) -> str:
     """Return in brackets which instruction most often took the place of which."""
-    return f" (most often {quoted(one.texts[1])} for {quoted(one.texts[0])})" if one.texts else ""
+    return f" (most often {quote(one.texts[1])} for {quote(one.texts[0])})" if one.texts else ""
 
 
 @word
 def _hears(one: Share) -> str:
-    return f"; another instruction changes {of_action(one)}" if used(one) else ""
+    return f"; another instruction changes {of_action(one)}" if is_used(one) else ""
 
 
 @word
@@ -367,7 +371,7 @@ WORDS |= {
     "rest": lambda found, channel: "; of the other moments nothing is said" if _few(found, channel) else "",
     "unnoticed": _unnoticed,
     "own": _own,
-    "settled": lambda found, name: f"grey ones change {share(found[name])}" if settled(found[name]) else "",
+    "settled": lambda found, name: f"grey ones change {share(found[name])}" if is_conclusive(found[name]) else "",
     "also": lambda found, name: (
         f"; the objects' colours exchanged change {share(found[name])}" if name in found else ""
     ),
@@ -391,14 +395,14 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
     yield plain(f"the bank moves no object, {words}", missing(_GAIN, "value"), may=True)
     gain = f"followed {{way:{_GAIN}}} of the oracle's way"
     words, away = f"the moved object is {gain}; {{unfollowed:{_GAIN}}}", fail(following(_GAIN, FOLLOWED))
-    yield plain(words, away, may_follow(_GAIN), may=True)
+    yield plain(words, away, may_exceed(_GAIN), may=True)
     yield plain(words, away)
     for given, control in (((there(_TOLD, "value"),), _TOLD), ((), _RATHER)):
         words = "that it is followed because it is named is not shown: where it is named an object is followed"
         words = f"{words} {{way:{control}}} of the oracle's way farther; "
         half = compared(f"half@{control}", "value", "<", 1.0), "that is less than half of it"
         for away, open_ in (half, (fail(following(control, BECAUSE)), f"{{unfollowed:{control}}}")):
-            yield plain(f"{words}{open_}", *given, away, may_follow(control), may=True)
+            yield plain(f"{words}{open_}", *given, away, may_exceed(control), may=True)
             yield plain(f"{words}{open_}", *given, away)
         part = compared(_RATHER, "evenly", "<", EVENLY)
         yield plain(f"the named object is {gain}, but {{part:{_RATHER}}}", *given, part, may=True)
@@ -522,11 +526,11 @@ def judged(ruling: Ruling, *beside: str) -> AxisVerdict:
     """
     one, why = ruling.bound, ruling.why_not
     because = " ".join(map(sentence, beside or (ruling.reason,)))
-    found = AxisVerdict(ruling.label, because, ruling.decided_by, why, may_be=ruling.may_be)
+    verdict = AxisVerdict(ruling.label, because, ruling.decided_by, why, may_be=ruling.may_be)
     if one is None or one.value is None or one.ci is None:
-        return found
+        return verdict
     if one.ci[1] < OF_DATA_SET:
-        return replace(found, responds=one)
+        return replace(verdict, responds=one)
     k = _count(one)
     some = f"{k} of {one.n} {'responds' if k == 1 else 'respond'}" if k else f"none of {one.n} responds"
     needed = episodes_needed(OF_DATA_SET, confidence=SURENESS)
@@ -534,11 +538,11 @@ def judged(ruling: Ruling, *beside: str) -> AxisVerdict:
         f"it is said of these episodes: {some}, so that up to {one.ci[1]:.0%} of the data set's may; "
         f"{needed} episodes of which none does would bound that at {OF_DATA_SET:.0%}"
     )
-    return replace(found, why_not=why, responds=one)
+    return replace(verdict, why_not=why, responds=one)
 
 
-def _count(one: Statistic) -> int:
-    return round((one.value or 0.0) * one.n)
+def _count(statistic: Statistic) -> int:
+    return round((statistic.value or 0.0) * statistic.n)
 
 
 def of_camera(statistics: Statistics, channel: str, what: str, asked: MissingConditions = EVERYTHING) -> Ruling:
@@ -546,9 +550,9 @@ def of_camera(statistics: Statistics, channel: str, what: str, asked: MissingCon
     head = "swapped@camera:"
     singles = tuple(name.removeprefix("T.swapped@") for name in statistics if name.startswith(f"T.{head}"))
     others = tuple(name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith(head))
-    found = ShareStatistics(statistics, asked)
-    found.update(_halves(found))
-    return camera_axis(channel, what, (singles, others)).evaluate(found)
+    sharestatistics = ShareStatistics(statistics, asked)
+    sharestatistics.update(_halves(sharestatistics))
+    return camera_axis(channel, what, (singles, others)).evaluate(sharestatistics)
 
 
 def _halves(found: ShareStatistics) -> dict[str, Share]:

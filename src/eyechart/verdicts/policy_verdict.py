@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from eyechart.channels import reads as is_read
-from eyechart.records import picked, plain
+from eyechart.records import plain, to_json_fields
 from eyechart.stats.shares import LogDistance, Share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.card import card
@@ -87,7 +87,7 @@ class PolicyVerdict:
         if self.guards:
             return " ".join(f"{name}: {why}." for name, why in self.guards.items())
         parts = (self.camera, *self.cameras.values(), self.state, self.instruction)
-        return " ".join(dict.fromkeys(one.because for one in parts))
+        return " ".join(dict.fromkeys(part.because for part in parts))
 
     @property
     def axes(self) -> dict[str, AxisVerdict]:
@@ -112,8 +112,8 @@ class PolicyVerdict:
         if self.guards:
             return dict(self.guards)
         return {
-            name: f"{one.label}. {one.because}{f' Not more, because {one.why_not}.' if one.why_not else ''}"
-            for name, one in self.axes.items()
+            name: f"{axis.label}. {axis.because}{f' Not more, because {axis.why_not}.' if axis.why_not else ''}"
+            for name, axis in self.axes.items()
         }
 
     def __repr__(self) -> str:
@@ -135,11 +135,11 @@ class PolicyVerdict:
             "instruction": self.instruction.label,
             "guards": list(self.guards),
             "because": self.because,
-            "channels": {name: picked(one, "T=value ci n") for name, one in self.channels.items()},
+            "channels": {name: to_json_fields(channel, "T=value ci n") for name, channel in self.channels.items()},
             "answer": self.answer,
             "holes": [],
             "axes": plain(self.axes),
-            **picked(self, "scope remarks"),
+            **to_json_fields(self, "scope remarks"),
         }
 
 
@@ -178,10 +178,10 @@ def judge_policy(
 
     whole = of_camera(statistics, "cameras", "its cameras", asked)
     rulings = {name: of_camera(statistics, f"camera:{name}", f"the {name} camera", asked) for name in names}
-    ignored = [name for name, one in rulings.items() if one.label == "ignores_camera" != whole.label]
+    ignored = [name for name, ruling in rulings.items() if ruling.label == "ignores_camera" != whole.label]
     single = {
-        name: reached(one, f"camera:{name}", f"picture of {name}", _alone(name, ignored))
-        for name, one in rulings.items()
+        name: reached(ruling, f"camera:{name}", f"picture of {name}", _alone(name, ignored))
+        for name, ruling in rulings.items()
     }
     camera = reached(whole, "cameras", "picture")
     state = reached(of_state(statistics, camera.label, there="state" in channels, asked=asked), "state", "state")
@@ -236,7 +236,7 @@ def reaching(channel: str, what: str) -> Axis:
     own = ("matched", "blank", "exchanged") if channel.startswith("camera") else ()
     others = ("noise", "recoloured", "decoys") if channel == "cameras" else ()
     pictures = (*(condition_of(name, channel) for name in own), *others)
-    alike = (*every(swap, same), *(Clause(f"T.{one}", (same, Reading("n", "<", 0.0))) for one in pictures))
+    alike = (*every(swap, same), *(Clause(f"T.{picture}", (same, Reading("n", "<", 0.0))) for picture in pictures))
     words = (
         f"another {what} changes {{bits:{channel}}}: it may not be connected, or an earlier answer is kept; "
         "'eyechart doctor SPEC --frames {bank}' asks, and a policy that is not to read it declares its channels"

@@ -78,8 +78,8 @@ def number_of(one: Statistic, reads: str) -> float | None:
     if reads in {"low", "high"}:
         return None if one.ci is None else one.ci[reads == "high"]
     silent = one.value is None and one.p is None
-    found: float | None = getattr(one, reads, None) if silent else getattr(one, reads)
-    return found
+    result: float | None = getattr(one, reads, None) if silent else getattr(one, reads)
+    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +197,7 @@ def filled(sentence: str, found: NamedStatistics, clause: Clause | None = None) 
         elif name is not None:
             own = clause.statistic if clause is not None else ""
             places = f"{name}:{spec}".split("|")
-            parts.append(next((said for one in places if (said := _filled(one, found, own))), ""))
+            parts.append(next((said for place in places if (said := _filled(place, found, own))), ""))
     return "".join(parts)
 
 

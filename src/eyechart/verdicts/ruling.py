@@ -52,9 +52,9 @@ def number(statistic: Statistic) -> str:
     return "—" if statistic.value is None else f"{statistic.value:.3f}"
 
 
-def and_p(one: Statistic) -> str:
+def and_p(statistic: Statistic) -> str:
     """Return the p of a statistic as it follows its value; empty where there is none."""
-    return "" if one.p is None else f", p = {p_value(one.p)}"
+    return "" if statistic.p is None else f", p = {p_value(statistic.p)}"
 
 
 def p_value(p: float) -> str:

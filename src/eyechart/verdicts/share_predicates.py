@@ -57,10 +57,10 @@ def _kind(name: str) -> type[Share]:
     return kinds.get(name.partition(".")[0], Share)
 
 
-def as_read(name: str, one: Statistic) -> Share:
+def as_read(name: str, statistic: Statistic) -> Share:
     """Return a statistic of a name as the kind that the rules read."""
     kind = _kind(name)
-    return one if isinstance(one, kind) else of_kind(kind, one)
+    return statistic if isinstance(statistic, kind) else of_kind(kind, statistic)
 
 
 class ShareStatistics(dict[str, Share]):
@@ -72,7 +72,7 @@ class ShareStatistics(dict[str, Share]):
 
     def __init__(self, statistics: Statistics, asked: MissingConditions = EVERYTHING, **facts: bool) -> None:
         super().__init__(
-            {name: as_read(name, one) for name, one in statistics.items()}
+            {name: as_read(name, statistic) for name, statistic in statistics.items()}
             | {f"asked.{name}": Share(None, 0, note=why) for name, why in asked.lacking.items()}
             | {f"asked.{name}": Share(0.0, 0, note=f"the run did not ask {name}") for name in asked.unasked}
             | {name: Share(float(holds), 1) for name, holds in facts.items()}
@@ -101,7 +101,7 @@ def _used(least: float) -> tuple[Reading, ...]:
 
 def every(name: str, *readings: Reading) -> tuple[Clause, ...]:
     """Return a condition for each of some readings of a statistic."""
-    return tuple(Clause(name, (one,)) for one in readings)
+    return tuple(Clause(name, (reading,)) for reading in readings)
 
 
 def use(name: str, least: float = USED) -> tuple[Clause, ...]:
@@ -130,7 +130,7 @@ def bounded(name: str, reads: str, holds: str, least: float) -> tuple[Clause, ..
     return every(name, _FEW_LOST, Reading(reads, holds, least, otherwise=False))
 
 
-def may_follow(name: str) -> Clause:
+def may_exceed(name: str) -> Clause:
     """Return the condition that a following that is not settled may reach `FOLLOWED`."""
     return Clause(name, (Reading("high", ">=", FOLLOWED, otherwise=True), ~_FEW_LOST))
 
@@ -155,24 +155,24 @@ def asked(condition: str) -> Clause:
     return Clause(f"asked.{condition}", (Reading("value", "missing"),))
 
 
-def enough(name: str) -> tuple[Clause, ...]:
+def measured_clauses(name: str) -> tuple[Clause, ...]:
     """Return the conditions that a share was measured, on enough episodes to bound it."""
     return every(name, Reading("value", "there"), _ENOUGH)
 
 
-def used(one: Statistic | None) -> bool:
+def is_used(statistic: Statistic | None) -> bool:
     """Return whether a share is above the margin, and not by chance."""
-    return one is not None and all(reading.of(as_read("", one)) for reading in _used(USED))
+    return statistic is not None and all(reading.of(as_read("", statistic)) for reading in _used(USED))
 
 
-def ignored(one: Statistic | None) -> bool:
+def is_ignored(statistic: Statistic | None) -> bool:
     """Return whether a share is below the margin."""
-    return one is not None and all(reading.of(as_read("", one)) for reading in _IGNORED)
+    return statistic is not None and all(reading.of(as_read("", statistic)) for reading in _IGNORED)
 
 
-def settled(one: Statistic) -> bool:
+def is_conclusive(statistic: Statistic) -> bool:
     """Return whether a share has an interval, on enough episodes and with few calls lost."""
-    return all(reading.of(one) for reading in _SETTLED)
+    return all(reading.of(statistic) for reading in _SETTLED)
 
 
 WORDS.update(
@@ -243,8 +243,8 @@ def of_action(one: Share) -> str:
     return f"all of the action and more (T {one.value:.2f}{_ends(one)})"
 
 
-def _ends(one: Statistic) -> str:
-    return "" if one.ci is None else f" [{one.ci[0]:.2f}, {one.ci[1]:.2f}]"
+def _ends(statistic: Statistic) -> str:
+    return "" if statistic.ci is None else f" [{statistic.ci[0]:.2f}, {statistic.ci[1]:.2f}]"
 
 
 @word
@@ -256,7 +256,7 @@ def way(one: Share) -> str:
     return f"{100 * one.value:.1f} %{interval}"
 
 
-def quoted(text: object) -> str:
+def quote(text: object) -> str:
     """Return the beginning of an instruction, in quotes."""
     said = " ".join(str(text).split())
     return f"'{said if len(said) <= _LONG else said[: _LONG - 1] + '…'}'"

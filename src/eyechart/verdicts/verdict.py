@@ -240,8 +240,8 @@ def _turns_blocked(clear: SignTest) -> bool:
 def shared_notes(verdicts: Mapping[str, Verdict]) -> dict[str, str]:
     """Return every note that several verdicts share, with the names of these."""
     bearers: dict[str, list[str]] = {}
-    for name, one in verdicts.items():
-        for note in dict.fromkeys(one.notes):
+    for name, verdict in verdicts.items():
+        for note in dict.fromkeys(verdict.notes):
             bearers.setdefault(note, []).append(name)
     return {
         note: "every model" if len(names) == len(verdicts) else ", ".join(names)
@@ -253,7 +253,7 @@ def shared_notes(verdicts: Mapping[str, Verdict]) -> dict[str, str]:
 def words_of(verdicts: Mapping[str, Verdict]) -> str:
     """Return several verdicts in words; a note that they share is said once, at the end."""
     shared = shared_notes(verdicts)
-    texts = [one.text(without=shared) for one in verdicts.values()]
+    texts = [verdict.text(without=shared) for verdict in verdicts.values()]
     if shared:
         texts.append("\n  ".join(["Noted of several models:", *(f"{who}: {note}" for note, who in shared.items())]))
     return "\n\n".join(texts)

@@ -202,7 +202,7 @@ def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
     All of that, and the first of these ways.
     """
     lacks = [name for name in missing if name in evidence.absent]
-    asked = [name for name in missing if name not in evidence.absent and not (lacks and name in NUDGES)]
+    names = [name for name in missing if name not in evidence.absent and not (lacks and name in NUDGES)]
     ways = []
     if lacks:
         shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" for name in lacks if name in PHOTOGRAPHED)
@@ -211,22 +211,22 @@ def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
             ways.append(f"'{command}' draws them of a simulator's world, then resume the run")
         ways.append(f"of photographs, each moment again ({shown})")
         ways[0] = f"pictures that the bank lacks: {ways[0]}"
-    if asked:
-        ways.append(f"{'and ' if ways else ''}pictures that were not asked: {', '.join(asked)}")
+    if names:
+        ways.append(f"{'and ' if ways else ''}pictures that were not asked: {', '.join(names)}")
     return "; ".join(ways), ways[0]
 
 
 def _not_associated(evidence: Evidence) -> WhyNot:
     """Say which condition of depth fails, or why its first test does not hold."""
-    found = evidence.statistics
-    interventional, observational = found["depth_interventional"], found["depth_observational"]
-    if is_refuted(found):
-        return _by_clause("depth", next(one for one in REFUTING if one.holds(found) is False), found, NOTHING)
+    statistics = evidence.statistics
+    interventional, observational = statistics["depth_interventional"], statistics["depth_observational"]
+    if is_refuted(statistics):
+        return _by_clause("depth", next(one for one in REFUTING if one.holds(statistics) is False), statistics, NOTHING)
     first = observational if interventional.p is None else interventional
     if below(first.p):
-        return _by_file("depth", found)
+        return _by_file("depth", statistics)
     if interventional.p is not None:
-        return _by_test("depth", "depth_interventional", found)
+        return _by_test("depth", "depth_interventional", statistics)
     settle = f"counterfactual pictures ({', '.join(MOVED)})"
     if lacks := [f"{name}: {PHOTOGRAPHED[name]}" for name in MOVED if name in evidence.absent]:
         settle += f", which this bank lacks (of each moment again, {'; '.join(lacks)})"
@@ -238,32 +238,32 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     return WhyNot("depth_associated", "depth_observational", observational, needs, settle, None, episodes, unasked)
 
 
-def _undecided(found: NamedStatistics, name: str, one: Statistic | None) -> WhyNot:
+def _undecided(found: NamedStatistics, name: str, statistic: Statistic | None) -> WhyNot:
     if name == "repeat_over_nudged":
         return _by_file("content", found)
     if name == "repeats_together":
         return _by_test("content", "content_shuffled", found)
     label = "presence_only" if below(found["presence"].p) else "image_invariant"
-    if one is None and name.startswith("bound_"):
+    if statistic is None and name.startswith("bound_"):
         conditions = ("shuffled" if name == "bound_content_shuffled" else "blank",)
         settle = f"decisions on {', '.join(('real', 'real_repeat', *conditions))}"
         return WhyNot(label, name, found[name], "an answer", settle, conditions=conditions)
-    if one is None:
+    if statistic is None:
         return WhyNot(ANY, name, None, "an answer", "calls with the real picture that come back")
     alpha = ALPHA if name in STRICT else BOUND_ALPHA
-    needed, needs = frames_to_bound(one, alpha), f"an effect bounded below {MARGIN}, p below {alpha}"
+    needed, needs = frames_to_bound(statistic, alpha), f"an effect bounded below {MARGIN}, p below {alpha}"
     if needed is None:
-        return WhyNot(label, name, one, needs, "nothing on frames like these: the effect is there")
-    return WhyNot(label, name, one, needs, "about {} frames, {}".format(*needed), needed[0])
+        return WhyNot(label, name, statistic, needs, "nothing on frames like these: the effect is there")
+    return WhyNot(label, name, statistic, needs, "about {} frames, {}".format(*needed), needed[0])
 
 
-def _frames(one: Statistic) -> tuple[str, int | None]:
+def _frames(statistic: Statistic) -> tuple[str, int | None]:
     """Return in words what would settle a test, and about how many frames."""
-    need, frames = None, one.n + one.ties if isinstance(one, SignTest) else one.n
-    if isinstance(one, SignTest) and one.n:
-        rate, alpha = one.value or 0.0, ALPHA
+    need, frames = None, statistic.n + statistic.ties if isinstance(statistic, SignTest) else statistic.n
+    if isinstance(statistic, SignTest) and statistic.n:
+        rate, alpha = statistic.value or 0.0, ALPHA
         while rate > 0.51:  # nearer to one half, tens of thousands of frames would not settle it
-            need = math.ceil(trials_needed(rate, 0.5, alpha=alpha) * frames / one.n)
+            need = math.ceil(trials_needed(rate, 0.5, alpha=alpha) * frames / statistic.n)
             if need > frames:
                 break
             alpha /= 2  # its rule corrects it, for so many tests

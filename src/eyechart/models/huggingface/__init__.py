@@ -145,7 +145,11 @@ def names() -> dict[str, str]:
     """Return the names after ``hf:``: organisms, the paper's edge models, a folder, a Hub id."""
     return {
         **{f"organism:{name}": says for name, says in SAYS.items()},
-        **{f"organism:{name}": SAYS[name] + _HOW for name, one in ORGANISMS.items() if one.sampled and name in SAYS},
+        **{
+            f"organism:{name}": SAYS[name] + _HOW
+            for name, organism in ORGANISMS.items()
+            if organism.sampled and name in SAYS
+        },
         **list_edge(),
         "FOLDER": "any image-text-to-text checkpoint on this machine",
         "OWNER/NAME": "any image-text-to-text checkpoint of the Hub",

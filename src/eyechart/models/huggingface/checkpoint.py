@@ -123,18 +123,18 @@ def _memory(how: LoadSettings, weights: Weights | None) -> dict[str, str]:
     """Return the needed and available memory in 10^9 bytes, with a warning if it is too small."""
     if weights is None:
         return {}
-    found = {"parameters": str(weights.parameters)}
+    result = {"parameters": str(weights.parameters)}
     needed, there = how.gigabytes(weights), memory_gb(how)
     if needed is not None:
-        found[WEIGHTS_GB] = f"{needed:.3g}"
+        result[WEIGHTS_GB] = f"{needed:.3g}"
     if there is not None:
-        found[MEMORY_GB] = f"{there:.3g}"
+        result[MEMORY_GB] = f"{there:.3g}"
     if needed is not None and there is not None and needed > there:
-        found["warning"] = (
+        result["warning"] = (
             f"its weights alone take {needed:.1f} GB as {how.precision or how.dtype}, the memory is {there:.1f} GB: "
             f"{SMALLER}"
         )
-    return found
+    return result
 
 
 def require_library() -> None:
@@ -210,8 +210,8 @@ def _open_config(place: str, commit: str | None, *, trust: bool) -> dict[str, An
     what = f"the configuration of '{place}' cannot be opened"
     with raising(SpecError, what, of=_UNREADABLE, words=huggingface_weights.first_line):
         config = AutoConfig.from_pretrained(place, revision=commit or "main", trust_remote_code=trust)
-    found: dict[str, Any] = config.to_dict()
-    return found
+    result: dict[str, Any] = config.to_dict()
+    return result
 
 
 def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor:

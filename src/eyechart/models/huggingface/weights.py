@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from eyechart.errors import SpecError, meant, perhaps, raising
+from eyechart.errors import SpecError, did_you_mean, raising, suggestion
 from eyechart.models import memory_here_gb
 from eyechart.modes import RequestMode
 
@@ -60,15 +60,15 @@ class LoadSettings:
 
     def facts(self) -> dict[str, str]:
         """Return the facts that a run records of the loading."""
-        found = {"device": self.device, "dtype": self.dtype}
+        result = {"device": self.device, "dtype": self.dtype}
         if self.device_map:
-            found |= {"device_map": self.device_map, "accelerate": version("accelerate")}
+            result |= {"device_map": self.device_map, "accelerate": version("accelerate")}
         if self.bits:
             kind = "nf4" if self.bits == 4 else "int8"
-            found |= {"quantisation": f"{self.bits} bits, {kind}", "bitsandbytes": version("bitsandbytes")}
+            result |= {"quantisation": f"{self.bits} bits, {kind}", "bitsandbytes": version("bitsandbytes")}
         elif self.stored:
-            found["quantisation"] = self.stored
-        return found
+            result["quantisation"] = self.stored
+        return result
 
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of ``from_pretrained`` other than the dtype."""
@@ -139,10 +139,10 @@ def _header(path: Path) -> Iterator[tuple[str, list[int], int]]:
         with path.open("rb") as file:
             (length,) = struct.unpack("<Q", file.read(8))
             tensors = json.loads(file.read(length)) if length <= _LONGEST_HEADER else {}
-        for name, one in tensors.items():
+        for name, tensor in tensors.items():
             if name != "__metadata__":
-                first, last = one["data_offsets"]
-                yield name, list(map(int, one["shape"])), int(last) - int(first)
+                first, last = tensor["data_offsets"]
+                yield name, list(map(int, tensor["shape"])), int(last) - int(first)
     except (OSError, ValueError, TypeError, KeyError, AttributeError, struct.error):
         return
 
@@ -157,7 +157,9 @@ def choose_loading(mode: RequestMode, config: Mapping[str, Any]) -> LoadSettings
     if spread and "device" in options:
         raise SpecError(f"'{spec}': device puts all weights in one place, device_map spreads them: give only one")
     if spread and spread not in _MAPS:
-        raise SpecError(f"'{spec}': device_map is one of {', '.join(_MAPS)}, not '{spread}'{meant(spread, _MAPS)}")
+        raise SpecError(
+            f"'{spec}': device_map is one of {', '.join(_MAPS)}, not '{spread}'{did_you_mean(spread, _MAPS)}"
+        )
     bits = options.get("bits")
     if bits is not None and (isinstance(bits, bool) or bits not in _PACKED_BITS):
         raise SpecError(f"'{spec}': bits is 4 or 8, not '{bits}'")
@@ -224,7 +226,9 @@ def _choose_dtype(wanted: str, device: str, config: Mapping[str, Any], spec: str
     """Return torch's name; ``auto`` for the checkpoint's own if its configuration names none."""
     if wanted != "auto":
         if wanted not in _BYTES:
-            raise SpecError(f"'{spec}': dtype is one of {', '.join(_BYTES)}, not '{wanted}'{perhaps(wanted, _BYTES)}")
+            raise SpecError(
+                f"'{spec}': dtype is one of {', '.join(_BYTES)}, not '{wanted}'{suggestion(wanted, _BYTES)}"
+            )
         return wanted
     if device == "cpu":
         return "float32"

@@ -139,4 +139,7 @@ def decide(world: DroneWorld, action: str) -> DroneWorld:
 
 def touches(state: Flight, layout: Layout) -> bool:
     """Return whether the drone touches an obstacle."""
-    return any(math.hypot(one.x - state.x, one.y - state.y) <= one.radius + BODY_RADIUS_M for one in layout.obstacles)
+    return any(
+        math.hypot(obstacle.x - state.x, obstacle.y - state.y) <= obstacle.radius + BODY_RADIUS_M
+        for obstacle in layout.obstacles
+    )

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from hashlib import sha256
 from pathlib import Path
 
-from eyechart.errors import SpecError, perhaps
+from eyechart.errors import SpecError, suggestion
 from eyechart.simulators import Declaration, Drive
 from eyechart.simulators.banks import versions_of
 from eyechart.simulators.gym.action_map import ActionMap, read_map
@@ -50,7 +50,7 @@ class GymnasiumSimulator:
     def drive(self, scenario: str, seed: int) -> Drive:
         """Open the environment with this seed; raises SpecError for an unknown scenario."""
         if scenario not in self._map.scenarios:
-            known = f"{', '.join(self._map.scenarios)}{perhaps(scenario, self._map.scenarios)}"
+            known = f"{', '.join(self._map.scenarios)}{suggestion(scenario, self._map.scenarios)}"
             raise SpecError(f"'{self.declared.name}' has no scenario '{scenario}'; known: {known}")
         return GymnasiumDrive(self._env_id, self._map, self._map.scenarios[scenario], seed)
 

@@ -86,7 +86,7 @@ def _draw_without(world: World, camera: StockCamera, lead: Vehicle) -> RGB | Non
     """Return the picture without the lead; None if it was not visible or another vehicle leads."""
     if not is_visible(gap_to(world.vehicle, lead)):
         return None
-    with _placed(world, [one for one in world.road.vehicles if one is not lead]):
+    with _placed(world, [vehicle for vehicle in world.road.vehicles if vehicle is not lead]):
         behind = find_lead(world)
         return camera.draw() if behind is None or not is_visible(gap_to(world.vehicle, behind)) else None
 
@@ -158,9 +158,9 @@ def _way_is_free(world: World, lead: Vehicle, x: float) -> bool:
     )
 
 
-def _side_by_side(one: Vehicle, other: Vehicle) -> bool:
+def _side_by_side(vehicle: Vehicle, other: Vehicle) -> bool:
     """Return whether two vehicles would meet if one of them were moved along the road."""
-    return bool(abs(one.position[1] - other.position[1]) < LANE_M - _BUMPER_M)
+    return bool(abs(vehicle.position[1] - other.position[1]) < LANE_M - _BUMPER_M)
 
 
 def _neighbours(world: World, rng: np.random.Generator) -> Iterator[Vehicle]:

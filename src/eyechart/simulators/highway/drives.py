@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from eyechart.errors import SpecError, perhaps
+from eyechart.errors import SpecError, suggestion
 from eyechart.frames import LEAD_GAP, RGB, Scalar
 from eyechart.seeds import key_seed
 from eyechart.simulators import StepResult
@@ -105,7 +105,7 @@ class LadderDrive:
 
     def __init__(self, scenario: str, seed: int, commands: Mapping[str, str]) -> None:
         if scenario not in LADDER:
-            known = f"{', '.join(LADDER)}{perhaps(scenario, LADDER)}"
+            known = f"{', '.join(LADDER)}{suggestion(scenario, LADDER)}"
             raise SpecError(f"simulator 'highway' has no scenario '{scenario}'; known: {known}")
         check_seed(seed)
         with speedups():

@@ -83,7 +83,7 @@ def _local_coordinates(self: _Any, position: _Any) -> tuple[float, float]:
 
 def _closest_lane_index(self: _Any, position: _Any, heading: float | None = None) -> tuple[str, str, int]:
     x, y = position.tolist()
-    least, found = None, None
+    least, result = None, None
     for start, ends in self.graph.items():
         for end, lanes in ends.items():
             for number, lane in enumerate(lanes):
@@ -95,9 +95,9 @@ def _closest_lane_index(self: _Any, position: _Any, heading: float | None = None
                     angle = abs((heading - lane.heading + np.pi) % _TWO_PI - np.pi)
                     distance = abs(r) + max(s - lane.length, 0) + max(0 - s, 0) + 1.0 * angle
                 if least is None or distance < least:
-                    least, found = distance, (start, end, number)
-    assert found is not None
-    return found
+                    least, result = distance, (start, end, number)
+    assert result is not None
+    return result
 
 
 # ---- vehicles that decide at the same instant
@@ -138,8 +138,8 @@ def _neighbour_vehicles(self: _Any, vehicle: _Any, lane_index: _Any = None) -> t
 
 
 def _stock_neighbours(road: _Any, vehicle: _Any, lane_index: _Any) -> tuple[_Any, _Any]:
-    found: tuple[_Any, _Any] = _STOCK_NEIGHBOURS(road, vehicle, lane_index)
-    return found
+    neighbours: tuple[_Any, _Any] = _STOCK_NEIGHBOURS(road, vehicle, lane_index)
+    return neighbours
 
 
 def _members(road: _Any, lane: _Any, origin: tuple[float, float]) -> list[tuple[float, _Any]]:

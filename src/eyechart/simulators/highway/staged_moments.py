@@ -188,20 +188,20 @@ def _lay_out(traffic: Traffic, wish: MomentSpec, rng: np.random.Generator) -> _T
     """Return the traffic with its lead and sides placed, or None if a blocked side has no room."""
     ego = replace(traffic.ego, y=wish.lane * LANE_M, heading=0.0)
     lead = replace(ego, x=ego.x + wish.gap_m)
-    kept: list[PlacedVehicle] = []
+    vehicles: list[PlacedVehicle] = []
     for vehicle in traffic.others:
         settled = _settle(vehicle)
-        if _may_stay(settled, ego, wish) and not _overlaps(settled, kept):
-            kept.append(settled)
+        if _may_stay(settled, ego, wish) and not _overlaps(settled, vehicles):
+            vehicles.append(settled)
     for side, clear in zip((-1, 1), wish.sides, strict=True):
         lane = wish.lane + side
-        if clear or not 0 <= lane < traffic.lanes or any(_blocks(vehicle, ego, lane) for vehicle in kept):
+        if clear or not 0 <= lane < traffic.lanes or any(_blocks(vehicle, ego, lane) for vehicle in vehicles):
             continue
         beside = replace(ego, x=ego.x + float(rng.uniform(*_BLOCKING_M)), y=lane * LANE_M)
-        if _overlaps(beside, kept):
+        if _overlaps(beside, vehicles):
             return None
-        kept.append(beside)
-    return _TrafficLayout(ego=ego, lead=lead, others=tuple(kept))
+        vehicles.append(beside)
+    return _TrafficLayout(ego=ego, lead=lead, others=tuple(vehicles))
 
 
 def _settle(vehicle: PlacedVehicle) -> PlacedVehicle:

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from eyechart.cameras import ROVER
-from eyechart.errors import SpecError, perhaps
+from eyechart.errors import SpecError, suggestion
 from eyechart.seeds import key_seed
 from eyechart.simulators.banks import check_seed
 
@@ -55,11 +55,13 @@ class Layout:
 
     def mirrored(self) -> "Layout":
         """Return the mirrored world."""
-        return replace(self, obstacles=tuple(one.mirrored() for one in self.obstacles))
+        return replace(self, obstacles=tuple(obstacle.mirrored() for obstacle in self.obstacles))
 
     def raised(self, times: float) -> "Layout":
         """Return the layout with obstacles so many times as high."""
-        return replace(self, obstacles=tuple(replace(one, height=times * one.height) for one in self.obstacles))
+        return replace(
+            self, obstacles=tuple(replace(obstacle, height=times * obstacle.height) for obstacle in self.obstacles)
+        )
 
 
 _Rng = np.random.Generator
@@ -77,7 +79,7 @@ def make_layout(family: str, seed: int, *, simulator: str = "rover", mirrored: b
 
 def _make_layout(family: str, seed: int, simulator: str) -> Layout:
     if family not in FAMILIES:
-        known = f"{', '.join(FAMILIES)}{perhaps(family, FAMILIES)}"
+        known = f"{', '.join(FAMILIES)}{suggestion(family, FAMILIES)}"
         raise SpecError(f"simulator '{simulator}' has no scenario '{family}'; known: {known}")
     rng = np.random.default_rng(key_seed("rover", "layout", family, seed))
     obstacles = _MAKERS[family](rng)
@@ -88,7 +90,7 @@ def _make_layout(family: str, seed: int, simulator: str) -> Layout:
     wall = [
         replace(new_obstacle(x, y, rng), radius=_WALL_RADIUS_M, height=_HEIGHT_M[1], paint=0) for y in _WALL_OFFSETS_M
     ]
-    return Layout(family, (*(one for one in obstacles if one.x < x - 8.0), *wall), closed=True)
+    return Layout(family, (*(obstacle for obstacle in obstacles if obstacle.x < x - 8.0), *wall), closed=True)
 
 
 def new_obstacle(x: float, y: float, rng: _Rng) -> Obstacle:
@@ -116,14 +118,14 @@ def _slalom(rng: _Rng) -> list[Obstacle]:
 
 def _stations(rng: _Rng, *, first: float, apart: float, blocked: tuple[int, int]) -> list[Obstacle]:
     """Return stations along the road that block some tracks, but never the way through."""
-    way, found = 1, []
+    way, stations = 1, []
     for x in np.arange(first, GOAL_M - 6.0, apart).tolist():
         way = int(np.clip(way + rng.integers(-1, 2), 0, len(TRACKS_M) - 1))
         others = rng.permutation([track for track in range(len(TRACKS_M)) if track != way]).tolist()
         for track in others[: int(rng.integers(blocked[0], blocked[1] + 1))]:
             across = TRACKS_M[track] + float(rng.uniform(-0.25, 0.25))
-            found.append(new_obstacle(x + float(rng.uniform(-0.8, 0.8)), across, rng))
-    return found
+            stations.append(new_obstacle(x + float(rng.uniform(-0.8, 0.8)), across, rng))
+    return stations
 
 
 FAMILIES: Mapping[str, str] = {

@@ -133,7 +133,7 @@ def _draw_without(world: AnyWorld, lead: Obstacle) -> RGB | None:
     """Return the picture without the lead; None if it was not visible or another obstacle leads."""
     if gap_to(world, lead) >= world.view.view_ahead_m:
         return None
-    absent = _with(world, *(one for one in world.layout.obstacles if one is not lead))
+    absent = _with(world, *(obstacle for obstacle in world.layout.obstacles if obstacle is not lead))
     return draw(absent) if read_scene(absent).gap_m is None else None
 
 
@@ -167,7 +167,7 @@ def _draw_exchanged(
     world: AnyWorld, shown: Mapping[str, tuple[Obstacle, Obstacle]], instead: Sequence[Obstacle]
 ) -> dict[str, RGB]:
     """Return pictures with these pairs of lead and other ``instead`` of some; none if one fails."""
-    others = [one for one in world.layout.obstacles if not any(one is gone for gone in instead)]
+    others = [obstacle for obstacle in world.layout.obstacles if not any(obstacle is gone for gone in instead)]
     worlds = {name: _with(world, *pair, *others) for name, pair in shown.items()}
     if not all(_is_exchanged(made, *shown[name]) for name, made in worlds.items()):
         return {}
@@ -180,14 +180,14 @@ def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:
     if lead is None:
         return None
     moved = _at_gap(world, lead, gap_m)
-    others = [one for one in world.layout.obstacles if one is not lead]
-    if any(_overlap(moved, one) for one in others):
+    others = [obstacle for obstacle in world.layout.obstacles if obstacle is not lead]
+    if any(_overlap(moved, obstacle) for obstacle in others):
         return None
     return draw(_with(world, moved, *others))
 
 
-def _at_gap(world: AnyWorld, one: Obstacle, gap_m: float) -> Obstacle:
-    return replace(one, x=world.state.x + gap_m + one.radius)
+def _at_gap(world: AnyWorld, obstacle: Obstacle, gap_m: float) -> Obstacle:
+    return replace(obstacle, x=world.state.x + gap_m + obstacle.radius)
 
 
 def _with(world: AnyWorld, *obstacles: Obstacle) -> AnyWorld:
@@ -254,39 +254,39 @@ def _lead(x: float, track: int, wish: MomentSpec, rng: np.random.Generator) -> O
 
 def _sides(x: float, track: int, wish: MomentSpec, rng: np.random.Generator) -> list[Obstacle]:
     """Return the obstacles that block the sides that must not be clear."""
-    found = []
+    sides = []
     for beside, clear in zip((track + 1, track - 1), wish.sides, strict=True):
         if not clear and 0 <= beside < len(TRACKS_M):
             across = TRACKS_M[beside] + float(rng.uniform(-_OFF_SIDE_M, _OFF_SIDE_M))
-            found.append(new_obstacle(x + float(rng.uniform(*_BESIDE_M)), across, rng))
-    return found
+            sides.append(new_obstacle(x + float(rng.uniform(*_BESIDE_M)), across, rng))
+    return sides
 
 
 def _surroundings(scenario: str, x: float, track: int, rng: np.random.Generator) -> list[Obstacle]:
     """Return obstacles on the other tracks, too far away to matter."""
-    others = [one for one in range(len(TRACKS_M)) if one != track]
-    found: list[Obstacle] = []
+    others = [index for index in range(len(TRACKS_M)) if index != track]
+    obstacles: list[Obstacle] = []
     for number in range(_SURROUNDINGS[scenario]):
         beside = others[number % 2] if scenario in {"slalom", "gate"} else others[int(rng.integers(2))]
         pair = scenario == "gate" and number % 2
-        there = found[-1].x if pair else x + float(rng.uniform(*_BEYOND_M))
+        there = obstacles[-1].x if pair else x + float(rng.uniform(*_BEYOND_M))
         across = TRACKS_M[beside] + float(rng.uniform(-_OFF_SIDE_M, _OFF_SIDE_M))
-        found.append(new_obstacle(there, across, rng))
-    return found
+        obstacles.append(new_obstacle(there, across, rng))
+    return obstacles
 
 
-def _overlap(one: Obstacle, other: Obstacle) -> bool:
-    return math.hypot(one.x - other.x, one.y - other.y) < one.radius + other.radius + _CLEARANCE_M
+def _overlap(obstacle: Obstacle, other: Obstacle) -> bool:
+    return math.hypot(obstacle.x - other.x, obstacle.y - other.y) < obstacle.radius + other.radius + _CLEARANCE_M
 
 
 def _stand_apart(obstacles: Sequence[Obstacle]) -> bool:
     """Return whether no two obstacles touch."""
-    return not any(_overlap(one, other) for n, one in enumerate(obstacles) for other in obstacles[:n])
+    return not any(_overlap(obstacle, other) for n, obstacle in enumerate(obstacles) for other in obstacles[:n])
 
 
 def _are_seen(world: AnyWorld, needed: Sequence[Obstacle]) -> bool:
     """Return whether at least half of the width of each of these obstacles is visible."""
-    spans = [(_away(world, one), *_span(world, one)) for one in world.layout.obstacles]
+    spans = [(_away(world, obstacle), *_span(world, obstacle)) for obstacle in world.layout.obstacles]
     for away, low, high in spans[: len(needed)]:
         hidden = sum(max(min(high, top) - max(low, bottom), 0.0) for nearer, bottom, top in spans if nearer < away)
         if hidden > (1 - _LEAST_SEEN) * (high - low):
@@ -294,14 +294,14 @@ def _are_seen(world: AnyWorld, needed: Sequence[Obstacle]) -> bool:
     return True
 
 
-def _away(world: AnyWorld, one: Obstacle) -> float:
-    return math.hypot(one.x - world.state.x, one.y - world.state.y)
+def _away(world: AnyWorld, obstacle: Obstacle) -> float:
+    return math.hypot(obstacle.x - world.state.x, obstacle.y - world.state.y)
 
 
-def _span(world: AnyWorld, one: Obstacle) -> tuple[float, float]:
+def _span(world: AnyWorld, obstacle: Obstacle) -> tuple[float, float]:
     """Return the lowest and the highest bearing of an obstacle."""
-    bearing = math.atan2(one.y - world.state.y, one.x - world.state.x)
-    half = math.asin(min(one.radius / _away(world, one), 1.0))
+    bearing = math.atan2(obstacle.y - world.state.y, obstacle.x - world.state.x)
+    half = math.asin(min(obstacle.radius / _away(world, obstacle), 1.0))
     return bearing - half, bearing + half
 
 

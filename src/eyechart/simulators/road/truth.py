@@ -26,7 +26,7 @@ def blocks(world: AnyWorld, obstacle: Obstacle, track: int) -> bool:
 
 def ahead(world: AnyWorld) -> list[Obstacle]:
     """Return the obstacles whose middle is ahead of the vehicle's."""
-    return [one for one in world.layout.obstacles if one.x > world.state.x]
+    return [obstacle for obstacle in world.layout.obstacles if obstacle.x > world.state.x]
 
 
 def find_lead(world: AnyWorld) -> Obstacle | None:
@@ -55,11 +55,11 @@ def _closing(world: AnyWorld, track: int) -> list[Obstacle]:
     """Return the obstacles that block a track from the vehicle's side to ``ahead_m`` ahead."""
     x, distances = world.state.x, world.view.distances
     return [
-        one
-        for one in world.layout.obstacles
-        if blocks(world, one, track)
-        and one.x + one.radius > x - distances.behind_m
-        and one.x - one.radius <= x + distances.ahead_m
+        obstacle
+        for obstacle in world.layout.obstacles
+        if blocks(world, obstacle, track)
+        and obstacle.x + obstacle.radius > x - distances.behind_m
+        and obstacle.x - obstacle.radius <= x + distances.ahead_m
     ]
 
 
@@ -75,18 +75,18 @@ def unseen_sides(world: AnyWorld) -> frozenset[str]:
         for side, track in sides.items()
         if 0 <= track < len(TRACKS_M)
         and (closing := _closing(world, track))
-        and not any(_in_picture(world, one, track) for one in closing)
+        and not any(_in_picture(world, obstacle, track) for obstacle in closing)
     )
 
 
-def _in_picture(world: AnyWorld, one: Obstacle, track: int) -> bool:
+def _in_picture(world: AnyWorld, obstacle: Obstacle, track: int) -> bool:
     """Return whether the camera shows any part of an obstacle inside a track's corridor.
 
     Such a part is a point of its foot that faces the camera, and lies in the corridor and in the
     visible wedge of ground.
     """
     view, state = world.view, world.state
-    x, y = one.x + one.radius * _ROUND[0], one.y + one.radius * _ROUND[1]
+    x, y = obstacle.x + obstacle.radius * _ROUND[0], obstacle.y + obstacle.radius * _ROUND[1]
     ahead, aside = x - state.x, y - state.y
     faces = ahead * _ROUND[0] + aside * _ROUND[1] < 0
     depth = ahead * math.cos(state.yaw) + aside * math.sin(state.yaw)
@@ -98,9 +98,14 @@ def _in_picture(world: AnyWorld, one: Obstacle, track: int) -> bool:
 def free_tracks(world: AnyWorld) -> tuple[float, ...]:
     """Return how far each track, from the right, is free ahead, in metres, within the view."""
     behind = world.state.x - world.view.distances.behind_m
-    beside = [one for one in world.layout.obstacles if one.x + one.radius > behind]
+    beside = [obstacle for obstacle in world.layout.obstacles if obstacle.x + obstacle.radius > behind]
     return tuple(
-        min([world.view.view_ahead_m, *(gap_to(world, one) for one in beside if blocks(world, one, track))])
+        min(
+            [
+                world.view.view_ahead_m,
+                *(gap_to(world, obstacle) for obstacle in beside if blocks(world, obstacle, track)),
+            ]
+        )
         for track in range(len(TRACKS_M))
     )
 
@@ -142,4 +147,6 @@ def _nearest_side(world: AnyWorld) -> str | None:
 
 
 def _nearest(world: AnyWorld, obstacles: Iterable[Obstacle]) -> Obstacle | None:
-    return min(obstacles, key=lambda one: (gap_to(world, one), abs(one.y - TRACKS_M[world.track])), default=None)
+    return min(
+        obstacles, key=lambda obstacle: (gap_to(world, obstacle), abs(obstacle.y - TRACKS_M[world.track])), default=None
+    )

@@ -83,8 +83,8 @@ class RoadWorld(Generic[S_co]):
     def as_bytes(self, decimals: int | None = None) -> bytes:
         """Return the world's state as bytes, with its obstacles, exact or rounded."""
         numbers = [*self.state.numbers(), self.seconds, float(self.track), float(self.crashed)]
-        for one in self.layout.obstacles:
-            numbers += [one.x, one.y, one.radius, one.height]
+        for obstacle in self.layout.obstacles:
+            numbers += [obstacle.x, obstacle.y, obstacle.radius, obstacle.height]
         if decimals is not None:
             numbers = [round(number, decimals) for number in numbers]
         return struct.pack(f"<{len(numbers)}d", *(number + 0.0 for number in numbers))
@@ -123,7 +123,10 @@ def eye_of(world: AnyWorld) -> Eye:
 
 def cylinders(layout: Layout) -> list[Cylinder]:
     """Return a layout's obstacles as painted cylinders."""
-    return [Cylinder(one.x, one.y, one.radius, one.height, PAINTS[one.paint]) for one in layout.obstacles]
+    return [
+        Cylinder(obstacle.x, obstacle.y, obstacle.radius, obstacle.height, PAINTS[obstacle.paint])
+        for obstacle in layout.obstacles
+    ]
 
 
 def verge_of(family: str, view: ForwardView) -> Colour:

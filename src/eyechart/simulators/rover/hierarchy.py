@@ -198,4 +198,4 @@ def _target(arm: Arm, intent: RoverIntent, track: int, *, halts: bool) -> Target
 def _discs(layout: Layout) -> npt.NDArray[np.float64]:
     """Return the discs that the rover's middle must avoid, shape (n, 3): x, y, radius."""
     keep = RADIUS_M + MARGIN_M
-    return np.array([(one.x, one.y, one.radius + keep) for one in layout.obstacles]).reshape(-1, 3)
+    return np.array([(obstacle.x, obstacle.y, obstacle.radius + keep) for obstacle in layout.obstacles]).reshape(-1, 3)

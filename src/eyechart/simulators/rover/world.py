@@ -147,4 +147,7 @@ def touches(state: RoverState, layout: Layout) -> bool:
     """Return whether the rover touches an obstacle or leaves the road."""
     if abs(state.y) + RADIUS_M > ROAD_HALF_M:
         return True
-    return any(math.hypot(one.x - state.x, one.y - state.y) < one.radius + RADIUS_M for one in layout.obstacles)
+    return any(
+        math.hypot(obstacle.x - state.x, obstacle.y - state.y) < obstacle.radius + RADIUS_M
+        for obstacle in layout.obstacles
+    )

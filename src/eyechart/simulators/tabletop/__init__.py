@@ -71,7 +71,7 @@ class Tabletop(BankMaker):
             _SCENARIOS,
             by_dozens(partial(_moments, name)),
             None,
-            cameras=tuple(Camera(one, "horizontal") for one in CAMERAS),
+            cameras=tuple(Camera(camera, "horizontal") for camera in CAMERAS),
             prompt_columns=(INSTRUCTION,),
             state=(STATE,),
             motion=MotionSpace("reach", _DIMENSIONS, HORIZON, "delta", state=told, mirrored=True),
@@ -112,15 +112,15 @@ def _changed(
     tables: list[Workspace], ways: list[dict[Object, np.ndarray]], decoys: np.ndarray
 ) -> dict[str, dict[str, np.ndarray]]:
     """Return the pictures of all moments with one thing changed, by its name."""
-    found = {}
+    result = {}
     for which in OBJECTS:
         for name, sign in (("plus", 1), ("minus", -1)):
             moved = [table.moved(which, sign * MOVED * way[which]) for table, way in zip(tables, ways, strict=True)]
-            found[f"{which}_{name}"] = cameras(moved)
-    found["exchanged"] = cameras(tables, TableAppearance(blocks=BLOCKS[::-1]))
-    found["recoloured"] = cameras(tables, TableAppearance(table=OTHER_TABLE))
-    found["decoys"] = cameras(tables, TableAppearance(decoys=decoys))
-    return found
+            result[f"{which}_{name}"] = cameras(moved)
+    result["exchanged"] = cameras(tables, TableAppearance(blocks=BLOCKS[::-1]))
+    result["recoloured"] = cameras(tables, TableAppearance(table=OTHER_TABLE))
+    result["decoys"] = cameras(tables, TableAppearance(decoys=decoys))
+    return result
 
 
 def _decoys(blocks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -137,14 +137,14 @@ def _truth(table: Workspace, way: dict[Object, np.ndarray]) -> dict[str, Scalar]
     and moved back: the difference in units of dx and dy. ``other_follow`` is the same for the other
     block, if that one were named.
     """
-    found: dict[str, Scalar] = {"named": table.named}
-    found |= {f"{colour}_{axis}": float(table.blocks[row, i]) for row, colour in enumerate(COLOURS) for i, axis in _XY}
+    result: dict[str, Scalar] = {"named": table.named}
+    result |= {f"{colour}_{axis}": float(table.blocks[row, i]) for row, colour in enumerate(COLOURS) for i, axis in _XY}
     for which in OBJECTS:
         told = table if which == "named" else table.told_otherwise()
         ends = [oracle(told.moved("named", sign * MOVED * way[which]))[:, :2].sum(axis=0) for sign in (1, -1)]
-        found |= {f"{which}_along_{axis}": float(way[which][i]) for i, axis in _XY}
-        found[f"{which}_follow"] = float((ends[0] - ends[1]) @ way[which])
-    return found
+        result |= {f"{which}_along_{axis}": float(way[which][i]) for i, axis in _XY}
+        result[f"{which}_follow"] = float((ends[0] - ends[1]) @ way[which])
+    return result
 
 
 _XY = ((0, "x"), (1, "y"))

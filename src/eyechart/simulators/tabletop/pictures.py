@@ -43,7 +43,7 @@ _MIDDLES = (np.arange(SIZE) + 0.5)[None, :]
 
 def top(tables: Sequence[Workspace], look: TableAppearance = USUAL) -> _Pictures:
     """Return the pictures of the camera above, shape (n, 32, 32, 3)."""
-    tools, grips = np.stack([one.tool for one in tables]), np.array([one.grip for one in tables])
+    tools, grips = np.stack([table.tool for table in tables]), np.array([table.grip for table in tables])
     pictures = _ground(len(tables), look.table)
     for places, colour in _things(tables, look):
         _square(pictures, places, HALF, colour)
@@ -54,7 +54,7 @@ def top(tables: Sequence[Workspace], look: TableAppearance = USUAL) -> _Pictures
 
 def wrist(tables: Sequence[Workspace], look: TableAppearance = USUAL) -> _Pictures:
     """Return the pictures of the camera at the tool, shape (n, 32, 32, 3)."""
-    tools = np.stack([one.tool for one in tables])
+    tools = np.stack([table.tool for table in tables])
     pictures = _SHADE * _ground(len(tables), look.table)
     for places, colour in _things(tables, look):
         _square(pictures, (places - tools) * ZOOM + 0.5, HALF * ZOOM, colour)
@@ -73,7 +73,7 @@ def _ground(count: int, colour: Colour) -> Floats:
 
 def _things(tables: Sequence[Workspace], look: TableAppearance) -> list[tuple[Floats, Colour]]:
     """Return the places, shape (n, 2), and the colour of every block and decoy."""
-    blocks = np.stack([one.blocks for one in tables])
+    blocks = np.stack([table.blocks for table in tables])
     found = [(blocks[:, place], colour) for place, colour in enumerate(look.blocks)]
     decoys = [] if look.decoys is None else [np.broadcast_to(place, blocks[:, 0].shape) for place in look.decoys]
     return [*((place, DECOY) for place in decoys), *found]

@@ -94,16 +94,16 @@ def scene(rng: np.random.Generator, *, fixed: bool = False) -> Floats:
 
 def episode(rng: np.random.Generator, blocks: Floats, named: Colour, moves: int, *, left: bool) -> list[Workspace]:
     """Return a reach by an oracle with an unsteady hand, begun in the left or right half."""
-    tool, grip, found = rng.uniform((0.1, 0.1), (0.5, 0.9)), 0.0, []
+    tool, grip, result = rng.uniform((0.1, 0.1), (0.5, 0.9)), 0.0, []
     if not left:
         tool[0] = 1 - tool[0]
     for _ in range(moves):
         now = Workspace(tool, grip, blocks, named)
-        found.append(now)
+        result.append(now)
         first = oracle(now)[0]
         tool = np.clip(tool + REACH * (first[:2] + _UNSTEADY * rng.normal(size=2)), 0.02, 0.98)
         grip = float(first[2])
-    return found
+    return result
 
 
 def direction(table: Workspace, which: Object, rng: np.random.Generator) -> Floats:

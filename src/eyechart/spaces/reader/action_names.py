@@ -79,8 +79,8 @@ class ActionNames:
         """Return the action if a text is only its name, even with spaced letters."""
         if len(text) > _NAME_AT_MOST:
             return None
-        if (found := self.action(text)) is not None:
-            return found
+        if (result := self.action(text)) is not None:
+            return result
         if _marks(self).numbers and (number := quantities.number_in_words(text.strip(" \n\t.!\"'()"))) is not None:
             return self.action(number)
         spaced = _LETTERS.fullmatch(text)
@@ -90,7 +90,7 @@ class ActionNames:
         """Yield the mentions of actions in a folded text; at one place the longest."""
         found = [*self._worded(text), *marks.mentions(text, _marks(self))]
         if len(found) > 1:
-            found.sort(key=lambda one: (one.start, -one.end))
+            found.sort(key=lambda mention: (mention.start, -mention.end))
         done = 0
         for one in found:
             if one.start >= done:

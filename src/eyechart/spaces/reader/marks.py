@@ -206,7 +206,7 @@ def _is_one_of_others(text: str, start: int, end: int, numbers: Mapping[str, obj
     if (call := _CALL_BEFORE.search(left)) is not None and (rest := _CALL_AFTER.match(text, end)) is not None:
         return "," in call[1] + rest[0]
     around = (_LISTED_BEFORE.search(left), _LISTED_AFTER.match(text, end))
-    beside = [split_number(one["number"]) for one in around if one is not None]
+    beside = [split_number(match["number"]) for match in around if match is not None]
     return any(one is None or one[0] not in numbers for one in beside) or SIGN_APART.search(left) is not None
 
 
@@ -240,8 +240,8 @@ def _unit_end(text: str, start: int, unit: str) -> int | None:
     """Return the end of the unit here; None for another unit, or any unit if none is expected."""
     if not unit:
         return None if re.match(r"[\w²³^]|\s?[°%‰€$£]", text[start : start + 2]) else start
-    found = re.compile(rf"[\s-]{{0,2}}{re.escape(unit)}(?![\w/^·²³]|\s?[CF]\b)", re.IGNORECASE).match(text, start)
-    return None if found is None else found.end()
+    match = re.compile(rf"[\s-]{{0,2}}{re.escape(unit)}(?![\w/^·²³]|\s?[CF]\b)", re.IGNORECASE).match(text, start)
+    return None if match is None else match.end()
 
 
 def _letters(text: str, letters: Mapping[str, str]) -> Iterator[Mention]:
@@ -273,11 +273,11 @@ def _is_shortened(text: str, match: re.Match[str]) -> bool:
 def _begin(text: str, start: int) -> int:
     """Return the start of a mark with the word that introduces it: "option 3", "#3"."""
     left = text[max(0, start - 40) : start]
-    found = _WITH_OPTION.search(left)
+    match = _WITH_OPTION.search(left)
     return (
         start
-        if found is None or ":" in found.group() or "is" in found.group().split()
-        else start - (len(left) - found.start())
+        if match is None or ":" in match.group() or "is" in match.group().split()
+        else start - (len(left) - match.start())
     )
 
 

@@ -660,11 +660,15 @@ def read_prose(text: str, names: ActionNames) -> Decision[str]:
 
 def _goes_on(marked: str, last: _PlacedMention, judged: Sequence[_PlacedMention]) -> bool:
     """Return whether a choice is part of a plan, or is corrected; then there is no decision."""
-    earlier = [one for one in judged if one.place < last.place and one.mention.action != last.mention.action]
+    earlier = [
+        mention for mention in judged if mention.place < last.place and mention.mention.action != last.mention.action
+    ]
     plan = earlier and earlier[-1].status != "denied" and last.place - earlier[-1].place < _LEFT
     if plan and _FIRST.match(marked[earlier[-1].place : last.place]):
         return True
-    later = (one for one in judged if one.place > last.place and one.mention.action != last.mention.action)
+    later = (
+        mention for mention in judged if mention.place > last.place and mention.mention.action != last.mention.action
+    )
     following = next(later, None)
     between = "" if following is None else marked[last.place : following.place]
     if following is not None and following.status != "denied" and _is_corrected(marked, last.place, following.place):
@@ -680,7 +684,7 @@ def _is_corrected(marked: str, start: int, end: int) -> bool:
 def _why(judged: Sequence[_PlacedMention]) -> Unparsed:
     if not judged:
         return "no_action"
-    left = {one.mention.action for one in judged if one.status != "denied"}
+    left = {mention.mention.action for mention in judged if mention.status != "denied"}
     return "negated" if not left else "several_actions" if len(left) > 1 else "not_chosen"
 
 
@@ -694,8 +698,12 @@ _HEDGED = re.compile(
 
 def _alone(text: str, judged: Sequence[_PlacedMention]) -> str | None:
     """Return the one action that a short text ends with, if its name has no other use in prose."""
-    said = {one.mention.action for one in judged}
-    if len(text) > _SHORT or len(said) != 1 or any(one.status != "said" or one.mention.derived for one in judged):
+    said = {mention.mention.action for mention in judged}
+    if (
+        len(text) > _SHORT
+        or len(said) != 1
+        or any(mention.status != "said" or mention.mention.derived for mention in judged)
+    ):
         return None
     word = judged[0].mention.written.upper()
     if (
@@ -711,31 +719,31 @@ def _alone(text: str, judged: Sequence[_PlacedMention]) -> str | None:
 
 def _mentions(text: str, names: ActionNames) -> Iterator[Mention]:
     """Yield the mentions that are not idioms, each repetition once."""
-    found = list(names.mentions(text))
+    mentions = list(names.mentions(text))
     before: Mention | None = None
-    for at, one in enumerate(found):
-        after = found[at + 1] if at + 1 < len(found) else None
-        if one.written.upper() in _CARRIERS and after and _CARRIED.fullmatch(text[one.end : after.start]):
+    for at, mention in enumerate(mentions):
+        after = mentions[at + 1] if at + 1 < len(mentions) else None
+        if mention.written.upper() in _CARRIERS and after and _CARRIED.fullmatch(text[mention.end : after.start]):
             continue
-        if _is_idiom(text, one):
+        if _is_idiom(text, mention):
             continue
-        if before is not None and before.action == one.action and not text[before.end : one.start].strip(" ,"):
-            before = replace(one, start=before.start)
+        if before is not None and before.action == mention.action and not text[before.end : mention.start].strip(" ,"):
+            before = replace(mention, start=before.start)
             continue
         if before is not None:
             yield before
-        before = one
+        before = mention
     if before is not None:
         yield before
 
 
-def _is_idiom(text: str, one: Mention) -> bool:
+def _is_idiom(text: str, mention: Mention) -> bool:
     """Return whether a word is no action's name here: "right now", "a SLOW car", "a STOP sign"."""
-    word = one.written.upper()
-    left, right = text[max(0, one.start - 40) : one.start].lower(), text[one.end : one.end + 40].lower()
+    word = mention.written.upper()
+    left, right = text[max(0, mention.start - 40) : mention.start].lower(), text[mention.end : mention.end + 40].lower()
     if re.match(r"/(?:no|not|non)\b", right):
         return True
-    if (word in _EVERYDAY or one.action.upper() in _EVERYDAY) and re.match(
+    if (word in _EVERYDAY or mention.action.upper() in _EVERYDAY) and re.match(
         rf"(?:[ -](?:moving|going))?[ \t]+{_THINGS}\b", right
     ):
         return True
@@ -749,11 +757,11 @@ def _mark(text: str, mentions: Sequence[Mention]) -> tuple[str, tuple[_PlacedMen
     parts: list[str] = []
     placed: list[_PlacedMention] = []
     done = length = 0
-    for one in mentions:
-        parts += [text[done : one.start].replace("@", " ").lower(), "@"]
+    for mention in mentions:
+        parts += [text[done : mention.start].replace("@", " ").lower(), "@"]
         length += len(parts[-2])
-        placed.append(_PlacedMention(one, length))
-        length, done = length + 1, one.end
+        placed.append(_PlacedMention(mention, length))
+        length, done = length + 1, mention.end
     return "".join([*parts, text[done:].replace("@", " ").lower()]), tuple(placed)
 
 
@@ -781,7 +789,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_PlacedMention])
             groups[-1].append(one)
         else:
             groups.append([one])
-    return [one for group in groups for one in _judged_group(marked, start, end, group, row=row)]
+    return [mention for group in groups for mention in _judged_group(marked, start, end, group, row=row)]
 
 
 def _joins(marked: str, before: int, place: int, end: int) -> bool:
@@ -801,7 +809,7 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
     status: Status = "said"
     if _denied(left, right):
         status = "denied"
-    elif len({one.mention.action for one in group}) > 1:
+    elif len({mention.mention.action for mention in group}) > 1:
         status = "listed"
     elif _ASKED_FOR_BAD.search(marked, max(0, start - _LEFT), start):
         status = "denied"
@@ -809,7 +817,7 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
         status = "said"
     elif not row and "?" not in marked[max(start, end - 3) : end] and not _only_said(left, right, group[0].mention):
         status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT)
-    return [replace(one, status=status) for one in group]
+    return [replace(mention, status=status) for mention in group]
 
 
 def _denied(left: str, right: str) -> bool:
@@ -837,21 +845,23 @@ def _scope(left: str) -> str:
     return left[start:]
 
 
-def _is_state(left: str, right: str, one: Mention) -> bool:
+def _is_state(left: str, right: str, mention: Mention) -> bool:
     """Return whether the words after a mention give a side's state, not a reason for the action."""
     if _STATE.match(right):
-        reasoned = not is_mark(one.action) and not _PLACE.search(one.action) and not _PLACE.search(one.written)
+        reasoned = (
+            not is_mark(mention.action) and not _PLACE.search(mention.action) and not _PLACE.search(mention.written)
+        )
         return not (reasoned and _FREE_OR_NOT.match(right))
-    if one.written.strip().lower() not in {"left", "right"} or not _COUNTED.match(right):
+    if mention.written.strip().lower() not in {"left", "right"} or not _COUNTED.match(right):
         return False
     label = _LABELLED.search(left)
     return not _CHOSEN_BEFORE.search(left) and (label is None or not _names_a_choice(label.group(1)))
 
 
-def _only_said(left: str, right: str, one: Mention) -> bool:
+def _only_said(left: str, right: str, mention: Mention) -> bool:
     """Return whether a mention is another's words, conditional, an example, or a state."""
     if (
-        _is_state(left, right, one)
+        _is_state(left, right, mention)
         or _SPOKEN_OF.search(left)
         or _QUOTED.search(left)
         or _EXAMPLE.search(left)
@@ -869,42 +879,42 @@ def _only_said(left: str, right: str, one: Mention) -> bool:
     )
 
 
-def _chosen(left: str, right: str, one: Mention, *, opened: bool) -> Status:
+def _chosen(left: str, right: str, mention: Mention, *, opened: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
     if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
         return "said"
-    several = _SEVERAL.search(one.written) is not None
-    if _is_measured(left, one):
+    several = _SEVERAL.search(mention.written) is not None
+    if _is_measured(left, mention):
         return "said"
-    if _is_chosen_around(left, right, one, several=several):
+    if _is_chosen_around(left, right, mention, several=several):
         return "chosen"
     status = _stands_alone(left, right, opened=opened, several=several)
-    if status == "chosen" and one.derived and not _BARE_FORM.match(right):
+    if status == "chosen" and mention.derived and not _BARE_FORM.match(right):
         reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
         return "chosen" if reasoned else "said"
-    return "chosen" if status == "said" and _is_foreign(left, right, one) else status
+    return "chosen" if status == "said" and _is_foreign(left, right, mention) else status
 
 
-def _is_measured(left: str, one: Mention) -> bool:
+def _is_measured(left: str, mention: Mention) -> bool:
     """Return whether a mention measures a thing or the own speed, or is one of several settings.
 
     "a truck is ahead; it is slowing", "it is 30 degrees", "I am going 5 m/s", "throttle=0.5,
     brake=0".
     """
-    if _IT_IS.search(left) and (one.derived or (one.united and not left.strip().startswith("so"))):
+    if _IT_IS.search(left) and (mention.derived or (mention.united and not left.strip().startswith("so"))):
         return True
-    return (one.united and _GOING.search(left) is not None) or (
-        is_mark(one.action) and _ASSIGNED.search(left) is not None
+    return (mention.united and _GOING.search(left) is not None) or (
+        is_mark(mention.action) and _ASSIGNED.search(left) is not None
     )
 
 
-def _is_chosen_around(left: str, right: str, one: Mention, *, several: bool) -> bool:
+def _is_chosen_around(left: str, right: str, mention: Mention, *, several: bool) -> bool:
     """Return whether the words before or after a mention choose it."""
     if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
         return True
-    if is_mark(one.action):
+    if is_mark(mention.action):
         return _SET_TO.search(left) is not None
-    return several and not one.derived and _DOES.search(left) is not None
+    return several and not mention.derived and _DOES.search(left) is not None
 
 
 def _names_a_choice(label: str) -> bool:
@@ -938,9 +948,9 @@ def _stands_alone(left: str, right: str, *, opened: bool, several: bool) -> Stat
     return "half" if _TAIL.fullmatch(re.split(r"\band\b", tail)[0]) else "said"
 
 
-def _is_foreign(left: str, right: str, one: Mention) -> bool:
+def _is_foreign(left: str, right: str, mention: Mention) -> bool:
     """Return whether a name in capitals ends a sentence of another language."""
-    if one.written != one.written.upper() or not _LAST.match(right):
+    if mention.written != mention.written.upper() or not _LAST.match(right):
         return False
     bare = not re.search(r"\w", left) and re.match(_ENDS, right.lstrip(" \"'")) is not None
     return bare or _FOREIGN.search(left) is not None
@@ -951,17 +961,17 @@ def _without_lists(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMen
 
     So are several that label their descriptions: "STOP: too hard. SLOW: the lead is near."
     """
-    found = list(judged)
+    mentions = list(judged)
     for at, (before, one) in enumerate(pairwise(judged)):
         between = marked[before.place + 1 : one.place]
         if len(between) < _JOINT and before.mention.action != one.mention.action and _BULLETED.fullmatch(between):
-            found[at] = replace(before, status="listed")
-            found[at + 1] = replace(one, status="listed")
-    labels = [at for at, one in enumerate(found) if _LABEL.match(marked, one.place + 1)]
-    if len({found[at].mention.action for at in labels}) > 1:
+            mentions[at] = replace(before, status="listed")
+            mentions[at + 1] = replace(one, status="listed")
+    labels = [at for at, mention in enumerate(mentions) if _LABEL.match(marked, mention.place + 1)]
+    if len({mentions[at].mention.action for at in labels}) > 1:
         for at in labels:
-            found[at] = replace(found[at], status="denied" if found[at].status == "denied" else "said")
-    return found
+            mentions[at] = replace(mentions[at], status="denied" if mentions[at].status == "denied" else "said")
+    return mentions
 
 
 def _without_pedals(marked: str, judged: list[_PlacedMention], names: ActionNames) -> list[_PlacedMention]:
@@ -969,10 +979,10 @@ def _without_pedals(marked: str, judged: list[_PlacedMention], names: ActionName
     if not any(name.startswith("-") for name in names.actions) and len(_CONTROL.findall(marked)) < _BOTH:
         return judged
     return [
-        replace(one, status="said")
-        if is_mark(one.mention.action) and _PEDAL.search(marked, max(0, one.place - _LEFT), one.place)
-        else one
-        for one in judged
+        replace(mention, status="said")
+        if is_mark(mention.mention.action) and _PEDAL.search(marked, max(0, mention.place - _LEFT), mention.place)
+        else mention
+        for mention in judged
     ]
 
 
@@ -983,4 +993,4 @@ def _without_interjection(marked: str, judged: list[_PlacedMention]) -> list[_Pl
     before, after = marked[: judged[0].place], marked[judged[0].place + 1 : judged[0].place + 2]
     opens = not before.strip() and after in {".", ",", "!"}
     talks = _TALK.match(marked, judged[0].place + 1) is not None
-    return judged[1:] if opens and (talks or any(one.status == "chosen" for one in judged[1:])) else judged
+    return judged[1:] if opens and (talks or any(mention.status == "chosen" for mention in judged[1:])) else judged

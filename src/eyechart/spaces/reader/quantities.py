@@ -129,7 +129,7 @@ _TENS = ["twenty", "thirty", "forty", "fifty", "sixty", "seventy", "eighty", "ni
 _WHOLE = {
     **{word: at for at, word in enumerate(_SMALL)},
     **{word: 10 * at for at, word in enumerate(_TENS, 2)},
-    **{f"{ten}-{_SMALL[one]}": 10 * at + one for at, ten in enumerate(_TENS, 2) for one in range(1, 10)},
+    **{f"{ten}-{_SMALL[index]}": 10 * at + index for at, ten in enumerate(_TENS, 2) for index in range(1, 10)},
 }
 _ANY = "|".join(sorted(_WHOLE, key=len, reverse=True)).replace("-", "[ -]")
 _MINUS = r"(?:minus|negative|moins|menos|meno|минус|负)"

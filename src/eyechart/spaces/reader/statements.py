@@ -163,15 +163,15 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
         return Decision(bare)
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
     text = names.in_digits(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
-    found = _find(text, names)
-    if found.action is None:
-        return Decision(None, "refused") if refuses(visible) else found
+    words = _find(text, names)
+    if words.action is None:
+        return Decision(None, "refused") if refuses(visible) else words
     refusal = _NOTHING_SEEN.search(text)
-    if found.action.upper() in _SAYS_SO:
-        return found
-    if refusal is not None and _prose(fold(text[: refusal.start()]), names).action != found.action:
+    if words.action.upper() in _SAYS_SO:
+        return words
+    if refusal is not None and _prose(fold(text[: refusal.start()]), names).action != words.action:
         return Decision(None, "refused")
-    return found
+    return words
 
 
 def _find(text: str, names: ActionNames) -> Decision[str]:
@@ -215,25 +215,25 @@ _BRACKETS = pattern(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
 
 def _in_brackets(value: str, names: ActionNames) -> Decision[str] | None:
     """Return the mark after its meaning, "faster (3)"; None if other words are actions."""
-    found = _BRACKETS.fullmatch(value)
-    action = None if found is None else names.whole(found.group(2))
-    if found is None or action is None or not is_mark(action) or _prose(found.group(1), names).why != "no_action":
+    match = _BRACKETS.fullmatch(value)
+    action = None if match is None else names.whole(match.group(2))
+    if match is None or action is None or not is_mark(action) or _prose(match.group(1), names).why != "no_action":
         return None
-    if _NO_STATEMENT.search(found.group(1)) or SIGN_APART.search(value, 0, found.start(2)) or "?" in value:
+    if _NO_STATEMENT.search(match.group(1)) or SIGN_APART.search(value, 0, match.start(2)) or "?" in value:
         return None
     return Decision(action)
 
 
 def _agreed(text: str, stated: Sequence[_Statement], names: ActionNames) -> Decision[str]:
     """Return the decision of the statements, unless the words around deny or withdraw it."""
-    known = [one for one in stated if one.action is not None][-_STATED_AT_MOST:]
+    known = [statement for statement in stated if statement.action is not None][-_STATED_AT_MOST:]
     if not known:
         return unparsed(stated[0].why or "unknown_action")
     last = str(known[-1].action)
     before, after = (fold(_TAG.sub(" ", part)) for part in (text[: known[0].start], text[known[-1].end :]))
     if _takes_back(after, last, names) or _commits_otherwise(before, last, names):
         return unparsed("several_actions")
-    actions = {one.action for one in known if not _is_denied(text, one, names)}
+    actions = {statement.action for statement in known if not _is_denied(text, statement, names)}
     if len(actions) == 1:
         return Decision(actions.pop())
     return unparsed("several_actions" if actions else "negated")
@@ -256,14 +256,14 @@ def _commits_otherwise(before: str, action: str, names: ActionNames) -> bool:
     return bool(found) and not _ANEW.search(before, found[0].start()) and _takes_back(found[-1].group(), action, names)
 
 
-def _is_denied(text: str, one: _Statement, names: ActionNames) -> bool:
+def _is_denied(text: str, statement: _Statement, names: ActionNames) -> bool:
     """Return whether the words around a statement deny it or make it conditional."""
-    before = _FENCE.sub("", text[max(0, one.start - 120) : one.start])
+    before = _FENCE.sub("", text[max(0, statement.start - 120) : statement.start])
     left = _END.split(before.rstrip() if before.rstrip().endswith(":") else before)[-1]
-    right = _END.split(text[one.end : one.end + 80].partition("{")[0])[0]
+    right = _END.split(text[statement.end : statement.end + 80].partition("{")[0])[0]
     if _NO_STATEMENT.search(_CLAUSE.split(left)[-1]) or _NOT_GIVEN.match(right):
         return True
-    around = fold(f"{left} {one.action} {right}")
+    around = fold(f"{left} {statement.action} {right}")
     found = _prose(around, names)
     return found.action is None and (found.why == "negated" or _CONDITION.search(around) is not None)
 
@@ -409,7 +409,7 @@ def _is_of_other_side(action: str, side: str, names: ActionNames) -> bool:
 
 def _has_other_unit(value: _Pairs, names: ActionNames) -> bool:
     """Return whether an object has another unit than the space's, as {"unit": "km/h"}."""
-    units = {one.upper() for one in names.quantity.units}
+    units = {unit.upper() for unit in names.quantity.units}
     said = [inner for key, inner in value if key.lower() in {"unit", "units"} and isinstance(inner, str)]
     return bool(units) and any(one.strip().upper() not in units for one in said)
 
@@ -597,14 +597,14 @@ def _last(one: re.Pattern[str], text: str) -> list[re.Match[str]]:
 
 def _value(text: str, start: int, names: ActionNames) -> tuple[int, Decision[str]]:
     """Return the end of a line's rest, or of the next line with words, and its decision."""
-    found = _SAYS.search(text, start)
-    if found is None:
+    match = _SAYS.search(text, start)
+    if match is None:
         return len(text), unparsed("no_action")
-    value = found.group()[:_LINE_AT_MOST]
-    if (listed := _ITEMS.match(text, found.start())) is not None:
+    value = match.group()[:_LINE_AT_MOST]
+    if (listed := _ITEMS.match(text, match.start())) is not None:
         return listed.end(), _prose(listed.group()[:_LINE_AT_MOST], names)
     if (bare := names.whole(value)) is not None:
-        return found.end(), Decision(bare)
+        return match.end(), Decision(bare)
     read = _in_brackets(value, names) or _prose(_chosen_side(value), names)
     short = read.why == "no_action" and 0 < len(value.split()) <= _SHORT_WORDS
-    return found.end(), unparsed("unknown_action") if short else read
+    return match.end(), unparsed("unknown_action") if short else read

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from PIL import Image
 
-from eyechart.conditions import OVER, available, show
+from eyechart.conditions import OVER, is_available, show
 from eyechart.errors import BankError
 from eyechart.frames import RGB, Frame, FrameBank, beside, decode
 from eyechart.report.page import evenly
@@ -121,7 +121,7 @@ class _Binder:
         return {name: tuple(column) for name, column in nothing.items()}
 
     def _one(self, condition: str, frame: Frame, bank: FrameBank, seed: int) -> int:
-        if not available(condition, frame):
+        if not is_available(condition, frame):
             return LEFT_OUT
         try:
             seen = beside(show(condition, frame, bank, seed).images, frame.id)

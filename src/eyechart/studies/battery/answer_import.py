@@ -119,8 +119,8 @@ def read_import(
     """
     before = read_manifest(out) if is_run(out) else None
     spec = _spec(source, name, before, out)
-    told = _facts(out, spec, source)
-    battery = planned(bank, {spec: RequestMode(spec)}, {spec: (IMPORTED, told)}, out, asking)
+    facts = _facts(out, spec, source)
+    battery = planned(bank, {spec: RequestMode(spec)}, {spec: (IMPORTED, facts)}, out, asking)
     requests = _Requests(battery)
     check, faults = _AnswerCheck(battery, requests), Faults()
     for one in source.read(faults, progress):
@@ -140,7 +140,7 @@ def _spec(source: AnswerSource, name: str | None, before: RunManifest | None, ou
         raise SpecError(f"--model names what answered, in a line of 1 to {_MOST_NAME} signs; got {given[:80]!r}")
     spec = f"{ELSEWHERE}:{given}"
     if name is None and before is not None and spec not in before.models:
-        held = ", ".join(one.removeprefix(f"{ELSEWHERE}:") for one in before.models)
+        held = ", ".join(model.removeprefix(f"{ELSEWHERE}:") for model in before.models)
         raise SpecError(
             f"{out} holds answers of {held}, and {source.name} would be those of '{given[:80]}': say with --model "
             "whose they are; another name adds a model to the run"
@@ -158,8 +158,8 @@ def _widened(before: RunManifest | None, now: RunManifest, out: Path) -> tuple[s
     """Return in words what a run gets besides answers, because the user may not intend it."""
     if before is None:
         return ()
-    models = [one for one in now.models if one not in before.models]
-    conditions = [one for one in now.conditions if one not in before.conditions]
+    models = [model for model in now.models if model not in before.models]
+    conditions = [condition for condition in now.conditions if condition not in before.conditions]
     frames = before.limit is not None and before.limit != now.limit
     said = (
         (models, f"{', '.join(models)} is a model besides {', '.join(before.models)}, and needs all calls"),

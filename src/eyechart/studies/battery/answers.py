@@ -54,7 +54,9 @@ class Answers:
 
     def under(self, conditions: Collection[str]) -> "Answers":
         """Return the decisions under some conditions alone; ``finished`` still counts all calls."""
-        return replace(self, decisions={name: one for name, one in self.decisions.items() if name in conditions})
+        return replace(
+            self, decisions={name: decision for name, decision in self.decisions.items() if name in conditions}
+        )
 
     def responses(self, condition: str) -> Symbols:
         """Return response-level symbols, one per frame: the action, UNPARSED, or ``ABSENT``."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from itertools import starmap
 
 from eyechart.calls import Reply
-from eyechart.conditions import find_condition, seed_of, speaker
+from eyechart.conditions import find_condition, seed_of, text_source_frame
 from eyechart.frames import Frame, Scalar
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.report.page import evenly, pack
 from eyechart.run import spread
 from eyechart.spaces.space import Decision, ending
@@ -177,7 +177,7 @@ def _run(
         "roles": roles,
         "asked": len(run.frames),
         "frames": [
-            {**picked(frame, "id scenario episode step"), "truth": _words(frame.truth), **_said(run, frame)}
+            {**to_json_fields(frame, "id scenario episode step"), "truth": _words(frame.truth), **_said(run, frame)}
             for frame in frames
         ],
         "pictures": {name: [numbers[place] for place in taken] for name, numbers in places.items()},
@@ -202,7 +202,7 @@ def _said(run: Evidence, frame: Frame) -> dict[str, object]:
     told: dict[str, object] = {"said": _words({name: frame.fields[name] for name in fields})}
     for name in run.conditions:
         if "text" in find_condition(name).needs:
-            other = speaker(frame, run.score.bank, seed_of(name, frame, run.score.manifest.seed))
+            other = text_source_frame(frame, run.score.bank, seed_of(name, frame, run.score.manifest.seed))
             told["told"] = {name: [other.id, _words({field: other.fields[field] for field in fields})]}
     return told
 
@@ -212,13 +212,13 @@ def _calls(
 ) -> list[list[int | str | bool] | None]:
     """Return per frame: reply number, action or reason, whether it is an action, note number."""
     given = run.score.models[spec].answers.decisions.get(condition, (None,) * len(run.frames))
-    found: list[list[int | str | bool] | None] = []
+    calls: list[list[int | str | bool] | None] = []
     for place in taken:
         reply, decision = run.replies[spec].get((run.frames[place].id, condition)), given[place]
         if reply is None or decision is None:
-            found.append(None)
+            calls.append(None)
             continue
         word, note = decision.action or str(decision.missing), _note(reply, decision)
         numbers = [texts[1].numbers[note]] if note else []
-        found.append([texts[0].numbers[reply.text], word, decision.action is not None, *numbers])
-    return found
+        calls.append([texts[0].numbers[reply.text], word, decision.action is not None, *numbers])
+    return calls

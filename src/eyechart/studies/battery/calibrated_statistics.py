@@ -24,7 +24,7 @@ from eyechart.stats.paired_tests import (
     sign_test,
     stratified_association,
 )
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers, Symbols
 from eyechart.studies.battery.controls import DEPTH_TESTS, LEVEL, NO_BRAKE, ControlStatistics
 from eyechart.studies.battery.depth import NAMES, BrakingLevels, moved_of
@@ -98,7 +98,7 @@ class CalibratedTests:
 
     def _of_depth(self, name: str) -> Statistic:
         if self.answers.projection("real", "brake") is None:
-            return cannot_say(NO_BRAKE)
+            return not_available(NO_BRAKE)
         return self._moved.tests()[name]()
 
     def _unparsed_reference(self) -> Statistic:
@@ -126,8 +126,8 @@ class CalibratedTests:
             given = self.answers.actions(name)
             for code, action in enumerate(self.answers.space.actions):
                 codes[given == (partners.get(action, action) if name == "mirrored" else action), place] = code
-        found = pooled_kappa(codes, margin=margin, alpha=ALPHA)
-        return replace(found, method=f"{', '.join(names)}: {found.method}")
+        statistic = pooled_kappa(codes, margin=margin, alpha=ALPHA)
+        return replace(statistic, method=f"{', '.join(names)}: {statistic.method}")
 
     def _repeats_together(self) -> Statistic:
         """Test whether an unusual answer to a picture repeats, within frames of equal blank answer.
@@ -138,12 +138,12 @@ class CalibratedTests:
         real, repeat, blank = (self.answers.actions(name) for name in names)
         have, what = (real != ABSENT) & (repeat != ABSENT), "whether real and real_repeat get what most pictures get"
         if not have.any():
-            return cannot_say("no frame has decisions on real and real_repeat", method=what)
+            return not_available("no frame has decisions on real and real_repeat", method=what)
         usual, counts = np.unique(real[have], return_counts=True)
         most = usual[counts.argmax()]
         groups = blank[have].tolist()
-        found = stratified_association(real[have] != most, repeat[have] != most, groups, level=LEVEL)
-        return replace(found, method=f"{what}, within what its blank gets: {found.method}")
+        statistic = stratified_association(real[have] != most, repeat[have] != most, groups, level=LEVEL)
+        return replace(statistic, method=f"{what}, within what its blank gets: {statistic.method}")
 
     def _observational(self) -> Statistic:
         """Test the trend on real pictures; with a text per frame, also under another frame's text.
@@ -151,30 +151,30 @@ class CalibratedTests:
         A model that follows a text about the gap seems to see; under another frame's text it does
         not. The larger p of the two is valid whichever null holds.
         """
-        found = self._trend("real")
-        if not self.answers.told or found.p is None:
-            return found
+        statistic = self._trend("real")
+        if not self.answers.told or statistic.p is None:
+            return statistic
         swapped = self._trend("text_swapped")
         if swapped.p is None:
             why = "the prompt describes each frame, so text_swapped is needed too"
-            return cannot_say(f"{why}: {swapped.note}", found.n)
-        ps = {"p_real": found.p, "p_text_swapped": swapped.p}
-        weaker = swapped if swapped.p > found.p else found
+            return not_available(f"{why}: {swapped.note}", statistic.n)
+        ps = {"p_real": statistic.p, "p_text_swapped": swapped.p}
+        weaker = swapped if swapped.p > statistic.p else statistic
         return replace(weaker, detail={**(weaker.detail or {}), **ps}, method=f"{weaker.method}; real and text_swapped")
 
     def _trend(self, condition: str) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
-            return cannot_say(self.answers.no_gap)
+            return not_available(self.answers.no_gap)
         braking, ranks = self.answers.projection(condition, "brake"), _ranks(gaps)
         if braking is None:
-            return cannot_say(NO_BRAKE)
+            return not_available(NO_BRAKE)
         levels = np.where(np.isnan(braking), -1, braking).astype(np.int64)
         decided = levels[levels >= 0]
         if not len(decided):
-            return cannot_say(f"no decisions on {condition} pictures")
+            return not_available(f"no decisions on {condition} pictures")
         if (decided == decided[0]).all():
-            return replace(cannot_say("the braking level never changes", len(decided)), p=1.0)
+            return replace(not_available("the braking level never changes", len(decided)), p=1.0)
         seed, resamples = self.how.seed_of("depth_observational"), self.how.resamples
         if self.independent:
             have = levels >= 0
@@ -185,10 +185,10 @@ class CalibratedTests:
     def _episode_safe_information(self) -> Statistic:
         gaps = self.answers.gaps
         if gaps is None:
-            return cannot_say(self.answers.no_gap)
+            return not_available(self.answers.no_gap)
         real = self.answers.actions("real")
         if not (real != ABSENT).any():
-            return cannot_say("no decisions on real pictures")
+            return not_available("no decisions on real pictures")
         bins = quantile_bins(gaps, no_lead_bin=True)
         seed, resamples = self.how.seed_of("depth_information"), self.how.resamples
         return exchange_mi_test(real, bins.codes, *self._layout(), seed=seed, alpha=ALPHA, resamples=resamples)
@@ -217,13 +217,13 @@ class CalibratedTests:
         true, first = self._true(first, second)
         found, what = sign_test(one, other, level=LEVEL), f"agreement with {true}, {first} over {second}"
         if not len(one):
-            return cannot_say("no frame has all three decisions", method=what)
+            return not_available("no frame has all three decisions", method=what)
         return replace(found, method=f"{what}: {found.method}")
 
     def _bound(self, other: str) -> Statistic:
         repeat, changed = self._alike("real_repeat", other)
-        found = bounded_below(repeat, changed, margin=MARGIN, alpha=ALPHA)
-        return replace(found, method=f"agreement with real, real_repeat minus {other}: {found.method}")
+        statistic = bounded_below(repeat, changed, margin=MARGIN, alpha=ALPHA)
+        return replace(statistic, method=f"agreement with real, real_repeat minus {other}: {statistic.method}")
 
     def _bound_alone(self, other: str) -> Statistic:
         """Bound how much more a picture changes the decision than a repeat does.
@@ -238,27 +238,29 @@ class CalibratedTests:
         given, replied = self.answers.actions(other), self.answers.responses(other) != ABSENT
         have = (real != ABSENT) & (repeat != ABSENT) & replied
         kept = (given == real) | (given == ABSENT)
-        found = bounded_below((repeat == real)[have], kept[have], margin=MARGIN, alpha=BOUND_ALPHA)
-        return replace(found, method="decision of {} kept, {} minus {}: {}".format(*names, other, found.method))
+        statistic = bounded_below((repeat == real)[have], kept[have], margin=MARGIN, alpha=BOUND_ALPHA)
+        return replace(statistic, method="decision of {} kept, {} minus {}: {}".format(*names, other, statistic.method))
 
     def _image_token(self, level: str) -> Statistic:
         """Compare how often a grey picture and no picture get the real one's answer, by frame."""
         alike, what = self._alike("blank", "text_only", level), "agreement with real, blank minus text_only"
         if not len(alike[0]):
-            return cannot_say("no frame has answers to real, blank and text_only", method=what)
+            return not_available("no frame has answers to real, blank and text_only", method=what)
         apart, test = paired_difference(*alike, level=LEVEL), sign_test(*alike, level=LEVEL)
         return replace(apart, p=test.p, method=f"{what}: {apart.method}; p: one-sided exact sign test")
 
     def _differs(self, level: str) -> Statistic:
         real, blank, _ = self.answers.both("real", "blank", level)
         seed = self.how.seed_of(f"presence.{level}")
-        found = label_swap_test(real, blank, seed=seed, resamples=self.how.resamples)
-        if not isinstance(found, LabelSwap):
-            return found
-        apart = sum(abs(one - other) for one, other in zip(found.first, found.second, strict=True)) / (2 * found.n)
-        detail = {**(found.detail or {}), "sum_of_squared_differences": found.value}
-        method = f"total variation between the answers to real and to blank; p: {found.method}"
-        return replace(found, value=apart, method=method, detail=detail)
+        statistic = label_swap_test(real, blank, seed=seed, resamples=self.how.resamples)
+        if not isinstance(statistic, LabelSwap):
+            return statistic
+        apart = sum(abs(one - other) for one, other in zip(statistic.first, statistic.second, strict=True)) / (
+            2 * statistic.n
+        )
+        detail = {**(statistic.detail or {}), "sum_of_squared_differences": statistic.value}
+        method = f"total variation between the answers to real and to blank; p: {statistic.method}"
+        return replace(statistic, value=apart, method=method, detail=detail)
 
 
 class CalibratedStatistics(Mapping[str, Statistic]):
@@ -280,15 +282,15 @@ class CalibratedStatistics(Mapping[str, Statistic]):
         return len(self._tests)
 
 
-def _standardised(found: Statistic) -> Statistic:
+def _standardised(statistic: Statistic) -> Statistic:
     """Return the trend in standard deviations of its null; negative: less braking when nearer."""
-    if not isinstance(found, Trend) or found.value is None or found.null_sd == 0:
-        return found
-    method = f"standard deviations from the null; {found.method}"
-    note = "; ".join(filter(None, (found.note, "no interval: it counts deviations of its own null")))
-    value = (found.value - found.null_mean) / found.null_sd
-    detail = {**(found.detail or {}), "trend": found.value}
-    return replace(found, value=value, method=method, note=note, detail=detail)
+    if not isinstance(statistic, Trend) or statistic.value is None or statistic.null_sd == 0:
+        return statistic
+    method = f"standard deviations from the null; {statistic.method}"
+    note = "; ".join(filter(None, (statistic.note, "no interval: it counts deviations of its own null")))
+    value = (statistic.value - statistic.null_mean) / statistic.null_sd
+    detail = {**(statistic.detail or {}), "trend": statistic.value}
+    return replace(statistic, value=value, method=method, note=note, detail=detail)
 
 
 def _ranks(gaps: NDArray[np.float64]) -> NDArray[np.float64]:

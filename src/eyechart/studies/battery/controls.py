@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from eyechart.conditions import FURTHER, OLDER
 from eyechart.stats.agreement import rate
-from eyechart.stats.jackknife import half_exceeded
-from eyechart.stats.order import lost_beyond_noise
+from eyechart.stats.jackknife import excess_over_half
+from eyechart.stats.order import order_violation_p
 from eyechart.stats.paired_tests import BoxedTurns, net_effect, sign_test, stratified_association
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.evidence import NEAR_FAR
 from eyechart.verdicts import ALPHA, MARGIN, NET_ALPHA
@@ -75,9 +75,9 @@ class ControlStatistics:
     def _lacking(self, pairs: int, first: str, second: str) -> Statistic:
         what = f"sign test of the braking level, {first} over {second}"
         if self.answers.projection("real", "brake") is None:
-            return cannot_say(NO_BRAKE, method=what)
+            return not_available(NO_BRAKE, method=what)
         which = "counterfactual" if (first, second) == NEAR_FAR else "control"
-        return cannot_say(f"{pairs} {which} pairs with two decisions; {FEWEST_PAIRS} are needed", pairs, what)
+        return not_available(f"{pairs} {which} pairs with two decisions; {FEWEST_PAIRS} are needed", pairs, what)
 
     def _pairs(self, first: str, second: str) -> tuple[Floats, Floats]:
         """Return the braking levels of two conditions on the frames with both."""
@@ -90,17 +90,17 @@ class ControlStatistics:
         one, other = self._pairs(*NEAR_FAR)
         if len(one) < FEWEST_PAIRS:
             return self._lacking(len(one), *NEAR_FAR)
-        found = sign_test(one, other, level=LEVEL)
-        method = "braking level, {} over {}: {}".format(*NEAR_FAR, found.method)
-        return replace(found, method=method, detail={**(found.detail or {}), "pairs": len(one)})
+        test = sign_test(one, other, level=LEVEL)
+        method = "braking level, {} over {}: {}".format(*NEAR_FAR, test.method)
+        return replace(test, method=method, detail={**(test.detail or {}), "pairs": len(one)})
 
     def _net(self, first: str, second: str) -> Statistic:
         one, other = self._pairs(first, second)
         if len(one) < FEWEST_PAIRS:
             return self._lacking(len(one), first, second)
         wins, losses = (int(np.count_nonzero(which)) for which in (one > other, one < other))
-        found = net_effect(wins, losses, len(one), margin=MARGIN, alpha=NET_ALPHA)
-        return replace(found, method=f"braking harder on {first} less on {second}: {found.method}")
+        statistic = net_effect(wins, losses, len(one), margin=MARGIN, alpha=NET_ALPHA)
+        return replace(statistic, method=f"braking harder on {first} less on {second}: {statistic.method}")
 
     def _unparsed(self) -> Statistic:
         """Return the rate of calls without a decision, under the compared condition with most.
@@ -144,7 +144,7 @@ class ControlStatistics:
         """
         found, what = self._turned(), "share of turns to the only blocked side, less half of the noise of its turns"
         if isinstance(found, str):
-            return cannot_say(found, method=what)
+            return not_available(found, method=what)
         left, clear, _ = found
         real, again = (self.answers.actions(name) for name in ("real", "real_repeat"))
         turned = [
@@ -155,9 +155,9 @@ class ControlStatistics:
         wrong, repeats = int(np.count_nonzero(left != clear)), len(turned)
         wavered = sum(one != other for one, other in turned)
         if not len(left) or not repeats:
-            return cannot_say("no turn with exactly one clear side, or no repeat", method=what)
+            return not_available("no turn with exactly one clear side, or no repeat", method=what)
         share = rate(wrong, len(left), level=LEVEL).less(wavered / repeats / 2)
-        p, method = lost_beyond_noise(wrong, len(left), wavered, repeats), f"{what}; p: binomial against repeats"
+        p, method = order_violation_p(wrong, len(left), wavered, repeats), f"{what}; p: binomial against repeats"
         return replace(share, p=p, method=method)
 
     def _turns_boxed(self) -> Statistic:
@@ -173,23 +173,23 @@ class ControlStatistics:
         boxed, beside = (np.array([sorted(map(str, one)) == of for one in known]) for of in (_BOXED, _ONE_SIDE))
         if not turns or not (boxed * answered).any():
             why = "no action turns" if not turns else "no answer where neither side is known to be clear"
-            return cannot_say(why, method=what)
+            return not_available(why, method=what)
         first, second = ([turned * which, answered * which] for which in (boxed, beside))
-        found = half_exceeded(first, second, self.answers.episodes)
+        statistic = excess_over_half(first, second, self.answers.episodes)
         return BoxedTurns(
-            found.value,
-            found.n,
-            found.ci,
-            method=f"{what}: {found.method}",
-            note=found.note,
-            level=found.level,
+            statistic.value,
+            statistic.n,
+            statistic.ci,
+            method=f"{what}: {statistic.method}",
+            note=statistic.note,
+            level=statistic.level,
             turned=int((turned * boxed).sum()),
         )
 
     def _turns_clear(self) -> Statistic:
         found, what = self._turned(), "turns to the only clear side over turns away from it"
         if isinstance(found, str):
-            return cannot_say(found, method=what)
+            return not_available(found, method=what)
         left, clear, _ = found
         tested = sign_test(left == clear, left != clear, level=LEVEL)
         note = "" if tested.n else "no turn has exactly one clear side"
@@ -198,10 +198,10 @@ class ControlStatistics:
     def _turns_clear_within(self) -> Statistic:
         found, what = self._turned(), "turn and clear side within own lane and number of lanes"
         if isinstance(found, str):
-            return cannot_say(found, method=what)
+            return not_available(found, method=what)
         left, clear, lanes = found
         if lanes and not lanes[0]:
             wanted = " or ".join(" and ".join(names) for names in LANES)
-            return cannot_say(f"the bank does not say on which lane it is (columns {wanted})", len(left), what)
+            return not_available(f"the bank does not say on which lane it is (columns {wanted})", len(left), what)
         tested = stratified_association(left, clear, lanes, level=LEVEL)
         return replace(tested, method=f"{what}: {tested.method}")

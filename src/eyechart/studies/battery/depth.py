@@ -17,7 +17,7 @@ from eyechart.seeds import key_seed
 from eyechart.stats.jackknife import LEAST_EPISODES, mean_of_frames
 from eyechart.stats.order import Density, compared_twice, density, greatest_rise, order_of
 from eyechart.stats.paired_tests import Place, Places, sign_test
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import Answers
 from eyechart.verdicts import MARGIN
 
@@ -163,8 +163,10 @@ class BrakingLevels:
         Uses answers that the first test did not use.
         """
         sign = np.sign(self.level("lead_near_nudged") - self.level("exchange_apart"))
-        found = mean_of_frames(_only(sign, which), self.episodes, fewest=LEAST_EPISODES if which is None else 2)
-        return replace(found, method=f"braking harder on lead_near_nudged than on exchange_apart, net: {found.method}")
+        statistic = mean_of_frames(_only(sign, which), self.episodes, fewest=LEAST_EPISODES if which is None else 2)
+        return replace(
+            statistic, method=f"braking harder on lead_near_nudged than on exchange_apart, net: {statistic.method}"
+        )
 
     def _against(self) -> tuple[Floats, Floats]:
         """Return the effects of the lead and of a vehicle beside at the drawn distance."""
@@ -174,8 +176,8 @@ class BrakingLevels:
     def specificity(self, which: Mask | None = None, fewest: int = LEAST_EPISODES) -> Statistic:
         """Return Q: the effect of a vehicle beside, less half the lead's at that distance."""
         own, beside = self._against()
-        found = mean_of_frames(_only(beside - own / 2, which), self.episodes, fewest=fewest)
-        return replace(found, method=f"effect of a neighbour less half of that of the lead: {found.method}")
+        statistic = mean_of_frames(_only(beside - own / 2, which), self.episodes, fewest=fewest)
+        return replace(statistic, method=f"effect of a neighbour less half of that of the lead: {statistic.method}")
 
     @cached_property
     def edges(self) -> Floats | None:
@@ -193,7 +195,7 @@ class BrakingLevels:
     def _specificity_of(self, name: str) -> Statistic:
         rest = self.outside_holes()
         if self.edges is None:
-            return cannot_say("the bank does not say how far away the exchanged vehicle is")
+            return not_available("the bank does not say how far away the exchanged vehicle is")
         return rest.specificity(rest.third("own", THIRDS.index(name)))
 
     def order(self, kind: str | None = None) -> Statistic:
@@ -204,9 +206,9 @@ class BrakingLevels:
             nearer, farther = self._farther(one, other), self._farther(other, one)
             compared += np.where(nearer, compared_twice(first, second), 0.0)
             compared += np.where(farther, compared_twice(second, first), 0.0)
-        found = order_of(compared, self.episodes)
+        statistic = order_of(compared, self.episodes)
         which = "pairs of pictures" if kind is None else kind.replace("_", "-")
-        return replace(found, method=f"{which}, distances a factor of {APART} apart: {found.method}")
+        return replace(statistic, method=f"{which}, distances a factor of {APART} apart: {statistic.method}")
 
     def _farther(self, one: str, other: str) -> Mask:
         """Return where the lead is farther in the second picture; near and far need no record."""
@@ -221,8 +223,10 @@ class BrakingLevels:
         """
         known = [name for name in ALONG if not np.isnan(self.twice(name) + self.distance(name)).all()]
         if not {*known} - {"real"}:
-            return cannot_say(NO_ANSWER)
-        levels = np.array([np.where(np.isnan(both := self.twice(one)), both[::-1], both).mean(axis=0) for one in known])
+            return not_available(NO_ANSWER)
+        levels = np.array(
+            [np.where(np.isnan(both := self.twice(name)), both[::-1], both).mean(axis=0) for name in known]
+        )
         return greatest_rise([self.distance(name) for name in known], levels, seed=self.seed)
 
     def file(self) -> Statistic:
@@ -232,19 +236,19 @@ class BrakingLevels:
         have = ~np.isnan(plain + nudged)
         what = "exchange_own over lead_drawn in the right order, as drawn over nudged"
         if not have.any():
-            return cannot_say(NO_ANSWER, method=what)
-        found = sign_test(plain[have] > 0, nudged[have] > 0)
-        return replace(found, method=f"{what}: {found.method}")
+            return not_available(NO_ANSWER, method=what)
+        test = sign_test(plain[have] > 0, nudged[have] > 0)
+        return replace(test, method=f"{what}: {test.method}")
 
     def drawn(self) -> Statistic:
         """Return how densely the answered pictures show the lead along its range."""
         shown = [self.distance(one)[~np.isnan(self.twice(one)).all(axis=0)] for one in ("drawn", "own")]
-        found = density(np.concatenate(shown), WINDOW)
-        if isinstance(found, Density):
-            return found
+        statistic = density(np.concatenate(shown), WINDOW)
+        if isinstance(statistic, Density):
+            return statistic
         near = self.distance("near")[~np.isnan(self.distance("near"))]
         beyond = f"beyond {near.max():.2g} m" if len(near) else "between the near and the far lead"
-        return replace(found, note=beyond)
+        return replace(statistic, note=beyond)
 
     @cached_property
     def places(self) -> tuple[Place, ...]:
@@ -270,8 +274,8 @@ class BrakingLevels:
             ]
             signs = np.where(np.isnan(shown[0]), shown[1], np.where(np.isnan(shown[1]), shown[0], sum(shown) / 2))
             beside = self.specificity(self.third("own", place), fewest=2)
-            if (found := _placed("range", name, signs, self.episodes, beside)) is not None:
-                yield found
+            if (result := _placed("range", name, signs, self.episodes, beside)) is not None:
+                yield result
 
     def holes(self) -> tuple[Place, ...]:
         """Return the places without a braking response: the effect is bounded below the margin.
@@ -280,15 +284,19 @@ class BrakingLevels:
         responses by noise. Then it is a hole only if the braking changes on at most `IDLE` of the
         frames.
         """
-        bounded = (one for one in self.places if one.high is not None and one.high < MARGIN)
-        parts = [one for one in self.places if one.of == "range"]
+        bounded = (place for place in self.places if place.high is not None and place.high < MARGIN)
+        parts = [place for place in self.places if place.of == "range"]
         answers_up_to_there = len(parts) > 1 and (parts[-2].low or 0) > 0
         free = parts[-1] if answers_up_to_there else None
-        return tuple(one for one in bounded if one is not free or one.harder + one.lesser <= IDLE * one.frames)
+        return tuple(
+            place for place in bounded if place is not free or place.harder + place.lesser <= IDLE * place.frames
+        )
 
     def open_places(self) -> tuple[Place, ...]:
         """Return the places where the effect is neither shown nor bounded."""
-        return tuple(one for one in self.places if one not in self.holes() and (one.low is None or one.low <= 0))
+        return tuple(
+            place for place in self.places if place not in self.holes() and (place.low is None or place.low <= 0)
+        )
 
     def _of_places(self, what: str, which: Callable[[], tuple[Place, ...]]) -> Statistic:
         """Return the number of places of a kind, with the places.
@@ -297,7 +305,7 @@ class BrakingLevels:
         """
         method = f"places whose effect is {what}"
         if not self.places:
-            return cannot_say("no place has frames enough", method=method)
+            return not_available("no place has frames enough", method=method)
         found = which()
         counted = [one for one in found if what != "open" or one.of != "range"]
         where = f"{counted[0].where} ({counted[0].harder} of {counted[0].frames})" if counted else ""
@@ -305,21 +313,21 @@ class BrakingLevels:
 
     def _reversed(self) -> Statistic:
         """Return the place most surely reversed: net less hard braking for the nearer lead."""
-        known = [one for one in self.places if one.high is not None]
+        known = [place for place in self.places if place.high is not None]
         what = "braking less hard for the nearer lead, net, in the place where that is surest"
         if not known:
-            return cannot_say("no place has frames enough", method=what)
-        worst = min(known, key=lambda one: one.high or 0.0)
+            return not_available("no place has frames enough", method=what)
+        worst = min(known, key=lambda place: place.high or 0.0)
         low, high = -(worst.high or 0.0), -(worst.low or 0.0)
         return Statistic(-(worst.effect or 0.0), worst.frames, (low, high), method=what, note=worst.where)
 
     def _beside(self) -> Statistic:
         """Return the place where a vehicle beside most surely has over half the lead's effect."""
-        known = [one for one in self.places if one.beside_low is not None]
+        known = [place for place in self.places if place.beside_low is not None]
         what = "effect of a neighbour less half of that of the lead, in the place where it is surest"
         if not known:
-            return cannot_say("no place has frames enough", method=what)
-        worst = max(known, key=lambda one: one.beside_low or 0.0)
+            return not_available("no place has frames enough", method=what)
+        worst = max(known, key=lambda place: place.beside_low or 0.0)
         return Statistic(worst.beside, worst.frames, (worst.beside_low or 0.0, 1.0), method=what, note=worst.where)
 
     def curves(self) -> dict[str, tuple[Window, ...]]:
@@ -345,18 +353,20 @@ class BrakingLevels:
         found = []
         for near, far in pairwise(edges):
             inside = (distance >= near) & (distance < far)
-            one = mean_of_frames(_only(2 * mean - 1, inside), self.episodes, fewest=2)  # a level lies in [0, 1]
-            if one.value is not None:
-                ends = None if one.ci is None else ((one.ci[0] + 1) / 2, (one.ci[1] + 1) / 2)
-                found.append(Window(float(near), float(far), replace(one, value=(one.value + 1) / 2, ci=ends)))
+            statistic = mean_of_frames(_only(2 * mean - 1, inside), self.episodes, fewest=2)  # a level lies in [0, 1]
+            if statistic.value is not None:
+                ends = None if statistic.ci is None else ((statistic.ci[0] + 1) / 2, (statistic.ci[1] + 1) / 2)
+                found.append(
+                    Window(float(near), float(far), replace(statistic, value=(statistic.value + 1) / 2, ci=ends))
+                )
         return tuple(found)
 
     def _outside(self, holes: tuple[Place, ...]) -> Mask:
         """Return the frames in none of these places; parts of the range do not count."""
         kept = np.ones(len(self.episodes), dtype=np.bool_)
-        for one in holes:
-            if one.of != "range":
-                kept &= self.strata[one.of] != one.name
+        for hole in holes:
+            if hole.of != "range":
+                kept &= self.strata[hole.of] != hole.name
         return kept
 
     def outside_holes(self) -> "BrakingLevels":
@@ -367,7 +377,7 @@ class BrakingLevels:
         holes = self.holes()
         kept = self._outside(holes)
         levels = {name: _only(level, kept) for name, level in self.levels.items()}
-        for place in (self._names().index(one.name) for one in holes if one.of == "range"):
+        for place in (self._names().index(hole.name) for hole in holes if hole.of == "range"):
             along = ((one, name) for one in ALONG for name in TWICE.get(one) or ONCE[one])
             for picture, condition in (*along, ("own", BESIDE)):
                 if condition in levels:

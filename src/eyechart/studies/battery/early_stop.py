@@ -104,12 +104,14 @@ class QuestionOrder:
         """
         made = [walk for walk in WALKS.get(label or "", ()) if walk.conditions <= self.shown]
         more = self.shown & {*FURTHER}
-        return tuple(replace(one, conditions=one.conditions | more) if one.conditions >= ALONG else one for one in made)
+        return tuple(
+            replace(walk, conditions=walk.conditions | more) if walk.conditions >= ALONG else walk for walk in made
+        )
 
     def most(self, label: str) -> int:
         """Return how many control calls a label may need."""
         names = {name for walk in self.walks(label) for name in walk.conditions}
-        return sum(name in names for one in self.controls.values() for name in one)
+        return sum(name in names for control in self.controls.values() for name in control)
 
     @property
     def planned(self) -> int:
@@ -181,7 +183,7 @@ class StoppingState:
         return self._first and self._walk is None and not self.failed and not self._complete
 
     @property
-    def exhausted(self) -> bool:
+    def is_exhausted(self) -> bool:
         """Return whether a walk ended with nothing settled; then the whole run decides."""
         if self._first:
             return self.failed or self._complete
@@ -199,7 +201,7 @@ class StoppingState:
     def wanted(self, frame: str) -> tuple[str, ...]:
         """Return the wanted conditions of a frame that does not count yet."""
         asked = self.layout.asked[frame]
-        if self.exhausted:
+        if self.is_exhausted:
             return asked
         if walk := self._walk:
             names = walk.conditions | ({"mirrored"} if self._turns_again else set())
@@ -227,7 +229,7 @@ class StoppingState:
         ``given`` maps (frame, condition) to the decision.
         """
         order = self.layout.order
-        while not self.exhausted and not self.settled:
+        while not self.is_exhausted and not self.settled:
             walk = self._walk
             if walk and self.walked == len(order):
                 self._end(walk, given)
@@ -256,8 +258,10 @@ class StoppingState:
         """Return the label of the whole-run rules, for all frames and the walk's conditions."""
         frames = self.layout.frames
         shown = {name: tuple(given.get((frame.id, name)) for frame in frames) for name in sorted(walk.conditions)}
-        found = CalibratedStatistics(CalibratedTests(Answers("", frames, self.layout.space, None, shown), Resampling()))
-        return calibrated_rules(found, turns=False)[0].label
+        calibratedstatistics = CalibratedStatistics(
+            CalibratedTests(Answers("", frames, self.layout.space, None, shown), Resampling())
+        )
+        return calibrated_rules(calibratedstatistics, turns=False)[0].label
 
     def _count(self, row: FrameAnswers) -> None:
         """Add the next frame to the open claims; once there is a label, to its two checks."""
@@ -370,7 +374,7 @@ class EarlyStop(Stages):
     def queue(self, model: str, todo: Sequence[CallKey]) -> Iterator[CallKey]:
         """Yield the wanted calls of a model, frame by frame in the order in which frames count."""
         course = self.courses[model]
-        if course.exhausted:
+        if course.is_exhausted:
             yield from todo
             return
         walk = course.place
@@ -381,7 +385,7 @@ class EarlyStop(Stages):
             of_frame.setdefault(key.frame, []).append(key)
         for frame in course.layout.order:
             for key in of_frame.get(frame, ()):
-                if course.place != walk or self.courses[model].exhausted:
+                if course.place != walk or self.courses[model].is_exhausted:
                     return
                 if key.condition in course.wanted(frame):
                     yield key
@@ -406,15 +410,15 @@ class EarlyStop(Stages):
         controls.
         """
         course, given = self.courses[model], self._given[model]
-        plan = replace(self._plan, controls={}) if course.exhausted else self._plan
+        plan = replace(self._plan, controls={}) if course.is_exhausted else self._plan
         left = [
             key
             for key in plan.keys_of(model)
             if (key.frame, key.condition) not in given and key.condition in course.wanted(key.frame)
         ]
-        if course.exhausted and not left:
+        if course.is_exhausted and not left:
             return () if self._later is None else self._later.more(model)
-        walk = -1 if course.exhausted else course.place
+        walk = -1 if course.is_exhausted else course.place
         if not walk or (model, walk) in self._again:
             return ()
         self._again.add((model, walk))
@@ -423,14 +427,14 @@ class EarlyStop(Stages):
 
 def typical(asked: QuestionOrder) -> dict[str, int]:
     """Return the calls that an unvarying model of each kind takes, for the early labels."""
-    found = {}
+    result = {}
     for label in (rule.label for rule in EARLY.rules if rule.label != NOT_YET):
         course = StoppingState(asked)
         course.advance(_unwavering(label, asked))
         stopped = course.stopped(len(course.counted))
         if stopped is not None and stopped.label == label:
-            found[label] = stopped.calls
-    return found
+            result[label] = stopped.calls
+    return result
 
 
 def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], Decision[str]]:

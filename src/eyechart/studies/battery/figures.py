@@ -115,8 +115,8 @@ def information(everyone: Sequence[Subject]) -> list[Drawing]:
     """Draw action entropy against mutual information with the gap (figure mi), by model."""
     points = []
     for who in everyone:
-        found = who.model.statistics
-        x, y = found["entropy"].value, found["mutual_information.decision"].value
+        statistics = who.model.statistics
+        x, y = statistics["entropy"].value, statistics["mutual_information.decision"].value
         if x is not None and y is not None:
             points.append((who, x, y))
     if not points:
@@ -192,8 +192,8 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
     figure, axes = canvas(left + 4.2, 1.0 + 0.32 * len(everyone), (left, 1.25, 0.55, 0.35))
     told = []
     for y, who in enumerate(everyone):
-        found = who.model.statistics
-        floor, idi, clears = found["noise_floor"].value, found["idi"].value, found["clears_floor"].value
+        statistics = who.model.statistics
+        floor, idi, clears = statistics["noise_floor"].value, statistics["idi"].value, statistics["clears_floor"].value
         axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
         if floor is not None:
             bar = FLOOR_FACTOR * floor
@@ -302,7 +302,7 @@ def counterfactual(who: Subject, place: int) -> list[Drawing]:
     if not len(far):
         return []
     level = {action: space.project(action, "brake") or 0.0 for action in space.actions}
-    harder = {(one, other) for one in space.actions for other in space.actions if level[other] > level[one]}
+    harder = {(action, other) for action in space.actions for other in space.actions if level[other] > level[action]}
     title = f"Lead far and near, {who.label}"
     note = "framed: brakes harder when the lead is near"
     names = ("lead far", "lead near")
@@ -346,7 +346,7 @@ def _braking(who: Subject, size: tuple[float, float]) -> Drawing | None:
         words, colour, mark, stroke = _CURVES[name]
         words = words.format(holes=_of_frames(verdict.holes))
         _curve(axes, windows, colour, mark, stroke, words)
-        along = (f"{one.near:.3g} to {one.far:.3g} {unit} {number(one.level.value, 2)}" for one in windows)
+        along = (f"{window.near:.3g} to {window.far:.3g} {unit} {number(window.level.value, 2)}" for window in windows)
         told.append(f"{words}: {', '.join(along)}")
     _distances(axes, [one for many in curves.values() for one in many], unit)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), frameon=False, fontsize=8.5, borderaxespad=0)
@@ -356,17 +356,17 @@ def _braking(who: Subject, size: tuple[float, float]) -> Drawing | None:
 
 def _of_frames(holes: Sequence[Place]) -> str:
     """Return in words where braking does not respond; places with equal counts are named once."""
-    where = {(one.harder, one.frames): one.where for one in reversed(holes) if one.of != "range"}
+    where = {(hole.harder, hole.frames): hole.where for hole in reversed(holes) if hole.of != "range"}
     first, more = next(reversed(where.values()), ""), len(where) - 1
     return first.replace("`", "") + (f" and {more} more" if more > 0 else "")
 
 
 def _curve(axes: Axes, windows: Sequence[Window], colour: str, mark: str, stroke: str, words: str) -> None:
     """Draw a curve with its band; a window without an interval has none."""
-    middle = [float(np.sqrt(one.near * one.far)) for one in windows]
+    middle = [float(np.sqrt(window.near * window.far)) for window in windows]
     axes.plot(
         middle,
-        [one.level.value or 0.0 for one in windows],
+        [window.level.value or 0.0 for window in windows],
         color=colour,
         marker=mark,
         markersize=4.5,
@@ -375,7 +375,7 @@ def _curve(axes: Axes, windows: Sequence[Window], colour: str, mark: str, stroke
         label=words,
         zorder=3,
     )
-    banded = [(x, *one.level.ci) for x, one in zip(middle, windows, strict=True) if one.level.ci is not None]
+    banded = [(x, *window.level.ci) for x, window in zip(middle, windows, strict=True) if window.level.ci is not None]
     if banded:
         x, low, high = zip(*banded, strict=True)
         axes.fill_between(x, np.maximum(low, 0), np.minimum(high, 1), color=colour, alpha=0.16, linewidth=0, zorder=1)
@@ -383,11 +383,11 @@ def _curve(axes: Axes, windows: Sequence[Window], colour: str, mark: str, stroke
 
 def _distances(axes: Axes, windows: Sequence[Window], unit: str) -> None:
     """Name the axes: distance by ratio, braking from going on to a full stop."""
-    near, far = min(one.near for one in windows), max(one.far for one in windows)
+    near, far = min(window.near for window in windows), max(window.far for window in windows)
     axes.set_xscale("log")
     axes.set_xlim(near, far)
-    ticks = [one for one in _TICKS if near <= one <= far]
-    axes.set_xticks(ticks, [f"{one:g}" for one in ticks])
+    ticks = [tick for tick in _TICKS if near <= tick <= far]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.set_xticks([], minor=True)
     axes.set_ylim(-0.04, 1.04)
     axes.set_yticks([0, 0.5, 1], ["goes on", "half", "full stop"])
@@ -410,7 +410,7 @@ def _transitions(
     rows, columns = pair
     actions = [*space.actions, *([UNPARSED] if UNPARSED in {*rows.tolist(), *columns.tolist()} else [])]
     size = len(actions)
-    labels = [plain(one, 11) for one in actions]
+    labels = [plain(action, 11) for action in actions]
     leaning = size > 5 or max(map(len, labels)) > 8
     top, margin = (0.95 if leaning else 0.5), 0.4 + 0.075 * max(map(len, labels))
     figure, axes = canvas(3.5, top + 0.05 + 0.33 * size, (margin, 0.35 if leaning else 0.1, 0.05, top))
@@ -467,11 +467,11 @@ def figures(everyone: Sequence[Subject]) -> dict[str, list[Drawing]]:
     with style():
         return {
             "agreement": [agreement(everyone)] if everyone else [],
-            "gap": [one for place, who in enumerate(everyone, 1) for one in gap_by_action(who, place)],
+            "gap": [drawing for place, who in enumerate(everyone, 1) for drawing in gap_by_action(who, place)],
             "information": information(everyone),
             "mirror": [one for place, who in enumerate(everyone, 1) for one in mirror(who, place)],
             "pairs": pairs(everyone),
-            "braking": [one for place, who in enumerate(everyone, 1) for one in braking(who, place)],
+            "braking": [drawing for place, who in enumerate(everyone, 1) for drawing in braking(who, place)],
             "counterfactual": [one for place, who in enumerate(everyone, 1) for one in counterfactual(who, place)],
             "noise": [noise_floor(everyone)] if everyone else [],
         }

@@ -69,7 +69,7 @@ def cards(run: Path, frame: str | None = None, banks: Sequence[Path] = ()) -> tu
         if answers:
             images = plan.seen(condition, pictures.frame(shown.id)).images.values()
             asks = CONDITIONS[condition].asks if condition in CONDITIONS else ""
-            made.append(Card(condition, asks, tuple(decode(one, condition) for one in images), answers))
+            made.append(Card(condition, asks, tuple(decode(image, condition) for image in images), answers))
     return shown.id, made
 
 
@@ -116,11 +116,11 @@ def write_film(
 
 
 def _height(card: Card) -> int:
-    return max((round(one.shape[0] * _scale(card)) for one in card.pictures), default=_BARE)
+    return max((round(picture.shape[0] * _scale(card)) for picture in card.pictures), default=_BARE)
 
 
 def _scale(card: Card) -> float:
-    return float(WIDTH / sum(one.shape[1] for one in card.pictures))
+    return float(WIDTH / sum(picture.shape[1] for picture in card.pictures))
 
 
 def draw(card: Card, frame: str, specs: Sequence[str], height: int, number: int) -> Image.Image:

@@ -14,7 +14,7 @@ from functools import cache, cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, RANGED, SAMPLED, available, sample
+from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, RANGED, SAMPLED, is_available, sample
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.records import JsonRecord
@@ -140,7 +140,7 @@ def calls_of(bank: FrameBank) -> dict[str, int]:
     for name in OF_BANKS:
         if "text" in CONDITIONS[name].needs or name in CONTROLS:
             continue
-        shown = [frame for frame in bank if available(name, frame)]
+        shown = [frame for frame in bank if is_available(name, frame)]
         if (name == "shuffled" and min(of_scenario.values()) < 2) or (
             name == "cross_scenario" and len(of_scenario) < 2
         ):
@@ -152,7 +152,7 @@ def calls_of(bank: FrameBank) -> dict[str, int]:
 def sampled_of(bank: FrameBank) -> dict[str, int]:
     """Return on how many frames each sampled control is shown, if the answers call for it."""
     calls = sum(calls_of(bank).values())
-    shown = {name: [frame.id for frame in bank if available(name, frame)] for name in SAMPLED}
+    shown = {name: [frame.id for frame in bank if is_available(name, frame)] for name in SAMPLED}
     return {name: len(sample(name, ids, calls, 0)) for name, ids in shown.items()}
 
 
@@ -175,7 +175,7 @@ class _SimulatedAnswers:
 
     def _shown(self, *conditions: str) -> Flags:
         """Return the frames that can be shown under all of these conditions."""
-        shown = np.array([all(available(name, frame) for name in conditions) for frame in self.bank])
+        shown = np.array([all(is_available(name, frame) for name in conditions) for frame in self.bank])
         for name in {*SAMPLED} & {*conditions}:
             shown &= np.cumsum(shown) <= sampled_of(self.bank)[name]  # any sample of this size will do
         return shown
@@ -256,11 +256,11 @@ class _SimulatedAnswers:
         return sum(earned) / draws
 
 
-def _distances(shown: BrakingLevels) -> dict[str, Levels]:
+def _distances(levels: BrakingLevels) -> dict[str, Levels]:
     """Return the lead's distance under each condition of depth, NaN where a frame lacks it."""
-    found = {name: shown.distance(picture) for name, picture in PICTURE_OF.items()}
-    there = ~np.isnan(shown.distance("own"))
-    return found | {name: np.where(there, shown.distance("far"), np.nan) for name in (BESIDE, "exchange_apart")}
+    found = {name: levels.distance(picture) for name, picture in PICTURE_OF.items()}
+    there = ~np.isnan(levels.distance("own"))
+    return found | {name: np.where(there, levels.distance("far"), np.nan) for name in (BESIDE, "exchange_apart")}
 
 
 class SimulatedStatistics(dict[str, Statistic]):

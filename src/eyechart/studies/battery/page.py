@@ -79,9 +79,9 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         narrow=agreement_down(everyone),
         silent=silent(evidence, everyone, drawn),
         pairs=[
-            one
+            pair
             for run, places in zip(evidence, album.places, strict=True)
-            for one in pairs(run, places, album, len(everyone))
+            for pair in pairs(run, places, album, len(everyone))
         ],
         along=list(depth_table(judged).split()),
         statistics=list(statistics_table(judged).split()),
@@ -138,12 +138,17 @@ def _card(who: Subject, shared: Mapping[str, str]) -> dict[str, object]:
     }
 
 
-def _numbers(one: Statistic, stopped: StoppingPoint | None) -> list[tuple[str, str]]:
-    if stopped is not None and isinstance(one, EValue):
-        value, calls = f"{one.value:.4g}", f"{stopped.calls} of {stopped.planned}"
-        return [("e-value", value), ("settled at", f"{one.threshold:g}"), ("frames", str(one.n)), ("calls", calls)]
-    interval = (f"{level(one)} interval".strip(), Column("", "interval").shown(one.ci))
-    return [("value", number(one.value)), interval, ("n", str(one.n)), ("p", p_value(one.p))]
+def _numbers(statistic: Statistic, stopped: StoppingPoint | None) -> list[tuple[str, str]]:
+    if stopped is not None and isinstance(statistic, EValue):
+        value, calls = f"{statistic.value:.4g}", f"{stopped.calls} of {stopped.planned}"
+        return [
+            ("e-value", value),
+            ("settled at", f"{statistic.threshold:g}"),
+            ("frames", str(statistic.n)),
+            ("calls", calls),
+        ]
+    interval = (f"{level(statistic)} interval".strip(), Column("", "interval").shown(statistic.ci))
+    return [("value", number(statistic.value)), interval, ("n", str(statistic.n)), ("p", p_value(statistic.p))]
 
 
 def _run(run: Evidence) -> dict[str, object]:
@@ -153,7 +158,7 @@ def _run(run: Evidence) -> dict[str, object]:
         "manifest": run.score.manifest,
         "bank": run.score.bank,
         "controls": len(run.score.conditions) - len(run.score.manifest.conditions),
-        "counts": summed(rows),
+        "counts": sum_counts(rows),
         "counts_by_model": list(zip(run.score.models, rows, strict=True)),
         "guards": guards(run),
         "not_covered": not_covered(run),
@@ -173,16 +178,16 @@ def silent(
     evidence: Sequence[Evidence], everyone: Sequence[Subject], drawn: Mapping[str, Sequence[Drawing]]
 ) -> dict[str, list[tuple[str, str]]]:
     """Return, by section, the runs that have no figure there, each with the reason."""
-    found: dict[str, list[tuple[str, str]]] = {"gap": [], "information": [], "mirror": [], "counterfactual": []}
+    result: dict[str, list[tuple[str, str]]] = {"gap": [], "information": [], "mirror": [], "counterfactual": []}
     for run in evidence:
         mine = [who for who in everyone if who.run is run]
         labels = {who.label for who in mine}
         for section in ("gap", "mirror", "counterfactual"):
-            if not any(one.of in labels for one in drawn[section]):
-                found[section].append((run.name, _why(section, mine)))
+            if not any(drawing.of in labels for drawing in drawn[section]):
+                result[section].append((run.name, _why(section, mine)))
         if all(who.model.statistics["mutual_information.decision"].value is None for who in mine):
-            found["information"].append((run.name, _why("gap", mine)))
-    return found
+            result["information"].append((run.name, _why("gap", mine)))
+    return result
 
 
 def _why(section: str, models: Sequence[Subject]) -> str:
@@ -196,13 +201,13 @@ def _why(section: str, models: Sequence[Subject]) -> str:
 
 def guards(run: Evidence) -> list[tuple[str, Guard]]:
     """Return the guards that do not hold; with few models all guards, else the others once."""
-    found = [(spec, guard) for spec, many in run.score.guards.items() for guard in many]
+    result = [(spec, guard) for spec, many in run.score.guards.items() for guard in many]
     if len(run.score.models) <= GUARDS_SHOWN:
-        return found
+        return result
     every = f"all {len(run.score.models)} models"
-    held = {guard.name for _, guard in found} - {guard.name for _, guard in found if guard.holds is not True}
+    held = {guard.name for _, guard in result} - {guard.name for _, guard in result if guard.holds is not True}
     return [
-        *((spec, guard) for spec, guard in found if guard.holds is not True),
+        *((spec, guard) for spec, guard in result if guard.holds is not True),
         *((every, Guard(name, True, "it holds for each model")) for name in sorted(held)),
     ]
 
@@ -272,15 +277,15 @@ def counts(who: Subject) -> list[ConditionCalls]:
     plan = plan_of(who.run.score.manifest, who.run.score.bank)
     for key in replace(plan, controls={who.spec: who.model.controls.controls}).keys_of(who.spec):
         planned[key.condition] += 1
-    found = []
+    result = []
     for name, count in planned.items():
         took = who.run.score.accounting[who.spec].get(name)
         sums = (0, 0, 0, 0) if took is None else (took.finished, took.attempts, took.failed, took.unknown)
-        found.append(ConditionCalls(name, count, *sums, _reasons(took), sums[0] < count and who.model.stopped is None))
-    return found
+        result.append(ConditionCalls(name, count, *sums, _reasons(took), sums[0] < count and who.model.stopped is None))
+    return result
 
 
-def summed(rows: Sequence[Sequence[ConditionCalls]]) -> list[ConditionCalls]:
+def sum_counts(rows: Sequence[Sequence[ConditionCalls]]) -> list[ConditionCalls]:
     """Return the counts of several models of one run together, one row per condition."""
     return [
         ConditionCalls(
@@ -313,19 +318,21 @@ def not_covered(run: Evidence) -> list[str]:
         lines.append(
             f"this is shard {manifest.shard[0]} of {manifest.shard[1]}: the calls of the other shards are not here"
         )
-    for spec, one in run.score.models.items():
-        if one.stopped is not None:
-            lines.append(f"{spec}: {one.stopped.words()}; the paper's tests, which need the whole run, are not judged")
-        elif one.answered < one.planned:
-            lines.append(f"{spec}: {one.planned - one.answered} of {one.planned} planned calls are not finished")
+    for spec, model in run.score.models.items():
+        if model.stopped is not None:
+            lines.append(
+                f"{spec}: {model.stopped.words()}; the paper's tests, which need the whole run, are not judged"
+            )
+        elif model.answered < model.planned:
+            lines.append(f"{spec}: {model.planned - model.answered} of {model.planned} planned calls are not finished")
     return [*lines, *_silent(run), "not tested by any run: other prompts, other cameras, closed loop"]
 
 
 def _silent(run: Evidence) -> list[str]:
     """Return the tests that cannot say; those with one reason and the same models in one line."""
     reasons: dict[tuple[str, str], list[str]] = {}
-    for spec, one in run.score.models.items():
-        for name, found in one.statistics.items():
+    for spec, model in run.score.models.items():
+        for name, found in model.statistics.items():
             if found.value is None and found.p is None:
                 reasons.setdefault((name, found.note or "no reason given"), []).append(spec)
     grouped: dict[tuple[str, tuple[str, ...]], list[str]] = {}

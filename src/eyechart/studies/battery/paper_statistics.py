@@ -35,7 +35,7 @@ from eyechart.stats.episodes import (
 )
 from eyechart.stats.jackknife import association_interval, over_tables
 from eyechart.stats.resamples import permute_mutual_information
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
 
 Statistics = dict[str, Statistic]
@@ -88,30 +88,30 @@ class PaperStatistics:
         return found | self._diversity()
 
     def _unparsed(self) -> Statistic:
-        asked = self.answers.decisions
-        given = [(one, self._episodes[at]) for name in BATTERY for at, one in enumerate(asked.get(name, ())) if one]
+        decisions = self.answers.decisions
+        given = [(one, self._episodes[at]) for name in BATTERY for at, one in enumerate(decisions.get(name, ())) if one]
         reasons = Counter(one.reason for one, _ in given if one.reason is not None)
         if not given:
-            return cannot_say("no observations")
+            return not_available("no observations")
         lost = np.array([one.missing is not None for one, _ in given], dtype=np.float64)
-        found = self._over_episodes(lost, np.array([episode for _, episode in given]))
-        return replace(found, detail={"reasons": dict(sorted(reasons.items()))})
+        statistic = self._over_episodes(lost, np.array([episode for _, episode in given]))
+        return replace(statistic, detail={"reasons": dict(sorted(reasons.items()))})
 
     def _agreements(self, level: str) -> Statistics:
         differ: dict[str, tuple[Floats, Mask]] = {}
-        found: Statistics = {}
-        asked = self.answers.decisions
+        agreements: Statistics = {}
+        decisions = self.answers.decisions
         told = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
-        further = [name for name in dict.fromkeys((*CONDITIONS, *asked)) if name in asked and name not in told]
+        further = [name for name in dict.fromkeys((*CONDITIONS, *decisions)) if name in decisions and name not in told]
         for name in (*BATTERY[1:], *further):
             apart, have = self.answers.distance("real", name, level)
             differ[name] = ((apart > 0).astype(np.float64), have)
-            found[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have)
-        found["noise_floor"] = self._share(*differ["real_repeat"])
-        found["idi"] = self._share(*differ["blank"])
-        found["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"])
-        found["clears_floor"] = _clears(found["idi"], found["noise_floor"])
-        return found
+            agreements[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have)
+        agreements["noise_floor"] = self._share(*differ["real_repeat"])
+        agreements["idi"] = self._share(*differ["blank"])
+        agreements["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"])
+        agreements["clears_floor"] = _clears(agreements["idi"], agreements["noise_floor"])
+        return agreements
 
     def _dependence(self, level: str) -> Statistics:
         every = {name: self.answers.symbols(name, level) for name in BATTERY}
@@ -154,12 +154,12 @@ class PaperStatistics:
     def _gap_tests(self, level: str) -> Statistics:
         gaps = self.answers.gaps
         if gaps is None or self.answers.gap is None:
-            missing = cannot_say(self.answers.no_gap)
+            missing = not_available(self.answers.no_gap)
             return {"obstacle": missing, "mutual_information": missing}
         real = self.answers.symbols("real", level)
         have = real != ABSENT
         if not have.any():
-            missing = cannot_say("no answers to real pictures")
+            missing = not_available("no answers to real pictures")
             return {"obstacle": missing, "mutual_information": missing}
         near = _CodedLabels((gaps[have] < self.answers.gap.threshold).astype(np.int64), ("far", "near"))
         answer = self._coded(real[have])
@@ -192,13 +192,13 @@ class PaperStatistics:
         """Return how often reflection exchanges directions, with the test against chance."""
         partner = self.answers.partners
         if not partner:
-            return cannot_say("no action of this space exchanges under reflection")
+            return not_available("no action of this space exchanges under reflection")
         if all(frame.mirror_axis == "none" for frame in self.answers.frames):
-            return cannot_say("no frame of the bank has a mirror axis")
+            return not_available("no frame of the bank has a mirror axis")
         real, mirrored = self.answers.actions("real"), self.answers.responses("mirrored")
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
-            return cannot_say("no frame has an answer both to its real and to its mirrored picture")
+            return not_available("no frame has an answer both to its real and to its mirrored picture")
         seed = self.how.seed_of("mirror_swap_rate")
         found = swap_test(real[have], mirrored[have], partner, seed=seed, resamples=self.how.resamples)
         turns = np.isin(real[have], list(partner))
@@ -212,7 +212,7 @@ class PaperStatistics:
     def _gap_order(self) -> Statistic:
         gaps, gap, space = self.answers.gaps, self.answers.gap, self.answers.space
         if gaps is None or gap is None:
-            return cannot_say(self.answers.no_gap)
+            return not_available(self.answers.no_gap)
         real = self.answers.actions("real")
         finite = gaps[np.isfinite(gaps)]
         capped = np.where(np.isfinite(gaps), gaps, finite.max() if finite.size else 0.0)
@@ -222,11 +222,11 @@ class PaperStatistics:
         n = int(np.count_nonzero(role != ABSENT))
         if not ((role == "brake").any() and (role == "proceed").any()):
             why = "the model never brakes or never proceeds"
-            return replace(cannot_say(why, n, "median gap, proceed minus brake"), detail=detail)
+            return replace(not_available(why, n, "median gap, proceed minus brake"), detail=detail)
         ends = [self._median(capped, role == one) for one in ("proceed", "brake")]
-        found = median_difference(*ends)
-        method = f"median gap, proceed minus brake; {found.method}"
-        return replace(found, n=n, method=method, detail=detail, unit=gap.unit)
+        statistic = median_difference(*ends)
+        method = f"median gap, proceed minus brake; {statistic.method}"
+        return replace(statistic, n=n, method=method, detail=detail, unit=gap.unit)
 
     def _median(self, values: Floats, of: Mask) -> Statistic:
         if not self.how.intervals:
@@ -236,25 +236,25 @@ class PaperStatistics:
     def _diversity(self) -> Statistics:
         real = self.answers.actions("real")
         have = real != ABSENT
-        found = {"modal_share": modal_share(real[have]), "entropy": entropy_bits(real[have])}
+        result = {"modal_share": modal_share(real[have]), "entropy": entropy_bits(real[have])}
         answer = self._coded(real)
         if not have.any():
-            return found
+            return result
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))
-        common, mode = found["modal_share"], max(counts, key=lambda label: counts[label])
+        common, mode = result["modal_share"], max(counts, key=lambda label: counts[label])
         often = self._over_episodes((real[have] == mode).astype(np.float64), self._episodes[have])
         method, detail = f"{common.method}; {often.method}", {**(common.detail or {}), "counts": counts}
-        found["modal_share"] = replace(common, ci=often.ci, method=method, note=often.note, detail=detail)
+        result["modal_share"] = replace(common, ci=often.ci, method=method, note=often.note, detail=detail)
         if self.how.intervals:
             shape, nothing = (1, len(answer.names)), np.zeros(int(have.sum()), dtype=np.int64)
             tables = _by_episode(nothing, answer.codes[have], self._episodes[have], shape)
             interval = over_tables(tables, lambda each: entropy_of_counts(each[:, 0]), math.log2(shape[1]))
-            found["entropy"] = _with_interval(found["entropy"], interval)
-        return found
+            result["entropy"] = _with_interval(result["entropy"], interval)
+        return result
 
     def _share(self, hits: Floats, have: Mask) -> Statistic:
         if not have.any():
-            return cannot_say("no frame has both answers")
+            return not_available("no frame has both answers")
         return self._over_episodes(hits, self._episodes[have])
 
     def _over_episodes(self, hits: Floats, episodes: Codes, *, always: bool = False) -> Statistic:
@@ -268,14 +268,14 @@ class PaperStatistics:
         detail = {"k": k, "episodes": len(sums)}
         if not (self.how.intervals or always):
             return replace(rate(k, n), detail=detail)
-        found = share_over_episodes(sums[:, 0], sums[:, 1])
-        if found.ci is None:
+        statistic = share_over_episodes(sums[:, 0], sums[:, 1])
+        if statistic.ci is None:
             return replace(rate(k, n), note=ONE_EPISODE, detail=detail)
-        return found
+        return statistic
 
     def _difference(self, one: Floats, have_one: Mask, other: Floats, have_other: Mask) -> Statistic:
         if not have_one.any() or not have_other.any():
-            return cannot_say("no frame has both answers")
+            return not_available("no frame has both answers")
         if not self.how.intervals:
             return Statistic(float(one.mean() - other.mean()), len(one), method="no interval computed")
         columns = np.zeros((len(have_one), 4))
@@ -295,11 +295,11 @@ def median_gaps(answers: Answers) -> Statistics:
         return {}
     finite = answers.gaps[np.isfinite(answers.gaps)]
     capped = np.where(np.isfinite(answers.gaps), answers.gaps, finite.max() if finite.size else 0.0)
-    real, found = answers.actions("real"), {}
+    real, result = answers.actions("real"), {}
     for action in map(str, np.unique(real[real != ABSENT])):
         mine = real == action
-        found[action] = replace(median_over_episodes(capped[mine], answers.episodes[mine]), unit=answers.gap.unit)
-    return found
+        result[action] = replace(median_over_episodes(capped[mine], answers.episodes[mine]), unit=answers.gap.unit)
+    return result
 
 
 class _CodedLabels(NamedTuple):
@@ -321,21 +321,21 @@ def refusal_effect(response: Statistic, decision: Statistic) -> Statistic:
     """Return 1 where answers depend on the condition only at response level (refusal), else 0."""
     method = "significant at response level and not at decision level (alpha .05)"
     if response.p is None or decision.p is None:
-        return cannot_say("one of the two tests could not be made", response.n, method)
+        return not_available("one of the two tests could not be made", response.n, method)
     return Statistic(float(response.p < ALPHA <= decision.p), response.n, method=method)
 
 
 def _clears(idi: Statistic, floor: Statistic) -> Statistic:
     method = "1 where IDI > 1.5 s, strictly"
     if idi.value is None or floor.value is None:
-        return cannot_say("IDI or the noise floor could not be measured", method=method)
+        return not_available("IDI or the noise floor could not be measured", method=method)
     return Statistic(float(clears_floor(idi.value, floor.value)), idi.n, method=method)
 
 
-def _with_interval(found: Statistic, interval: Statistic) -> Statistic:
+def _with_interval(statistic: Statistic, interval: Statistic) -> Statistic:
     """Return a statistic with another one's interval, or with the reason that there is none."""
-    method = f"{found.method}; {interval.method}"
-    return replace(found, ci=interval.ci, method=method, note=found.note or interval.note)
+    method = f"{statistic.method}; {interval.method}"
+    return replace(statistic, ci=interval.ci, method=method, note=statistic.note or interval.note)
 
 
 def _sums_by_episode(columns: Floats, episodes: Codes) -> Floats:

@@ -14,15 +14,15 @@ from eyechart.conditions import (
     OF_BANKS,
     OVER,
     asked_in_stages,
-    available,
     by_reason,
     find_condition,
+    is_available,
     require_camera,
     require_partners,
     show,
 )
 from eyechart.costs import CostEstimate, estimate
-from eyechart.errors import BankError, LedgerError, SpecError, counted, perhaps, raising
+from eyechart.errors import BankError, LedgerError, SpecError, counted, raising, suggestion
 from eyechart.event_loops import make_calls
 from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
@@ -42,7 +42,7 @@ from eyechart.manifest import (
     read_run,
     write_run,
 )
-from eyechart.models import Model, OpenedModel, open_model, turns_of
+from eyechart.models import Model, OpenedModel, open_model, sequential_groups
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
@@ -85,7 +85,7 @@ class BatterySelection:
         before = read_manifest(out).controls if out is not None and is_run(out) else None
         given = self.controls or before or ("none" if conditions else "auto")
         if given not in CONTROLS_ASKED:
-            known = f"{', '.join(CONTROLS_ASKED)}{perhaps(given, CONTROLS_ASKED)}"
+            known = f"{', '.join(CONTROLS_ASKED)}{suggestion(given, CONTROLS_ASKED)}"
             raise SpecError(f"--controls '{given}' is none of {known}")
         return given
 
@@ -187,9 +187,9 @@ class Battery(PlannedRun):
         """
         if self.manifest.shard is not None or not self.left():
             return []
-        from eyechart.studies.battery.reach import unreached  # noqa: PLC0415 - it judges, which a run does not
+        from eyechart.studies.battery.reach import unreachable_labels  # noqa: PLC0415 - it judges, which a run does not
 
-        never = ", ".join(unreached(self.plan.bank, self.plan.frames, self.plan.conditions))
+        never = ", ".join(unreachable_labels(self.plan.bank, self.plan.frames, self.plan.conditions))
         more = f"'eyechart plan {self.manifest.bank_path}' says what does"
         size = len(self.plan.frames)
         return [f"these {size} frames cannot show, for any model: {never}; {more}"][: bool(never)]
@@ -261,8 +261,8 @@ class Battery(PlannedRun):
         return now, EarlyStop(widest(manifest, self.plan), ledger, later) if manifest.stop_early else later
 
     def _asked(self, ledger: Ledger) -> dict[str, ControlProgress]:
-        found = stages_of(self.manifest, plan_of(self.manifest, self.plan.bank), ledger)
-        return {spec: found[spec] for spec in self.plan.models}
+        progresses = stages_of(self.manifest, plan_of(self.manifest, self.plan.bank), ledger)
+        return {spec: progresses[spec] for spec in self.plan.models}
 
     def left(self) -> int:
         """Return how many calls of all models remain."""
@@ -350,7 +350,7 @@ def planned(
         controls=controls,
         controls_seed=bank.manifest.controls.seed,
     )
-    manifest = manifest if out is None else resumed(out, manifest, bank)
+    manifest = manifest if out is None else resume_manifest(out, manifest, bank)
     bank = asked_of(bank, formulation, manifest.reader)
     the_plan = plan_of(manifest, bank, models=tuple(who), conditions=chosen, limit=extent.limit)
     return Battery(the_plan, {}, manifest, out or Path(), {} if conditions else _expected(left_out, formulation))
@@ -358,8 +358,8 @@ def planned(
 
 def open_models(specs: Sequence[str | RequestMode | OpenedModel]) -> tuple[dict[str, RequestMode], dict[str, Model]]:
     """Return the request mode and the opened model of each SPEC; raises SpecError for none."""
-    held = {one.mode.spec: one.model for one in specs if isinstance(one, OpenedModel)}
-    given = (one.mode if isinstance(one, OpenedModel) else one for one in specs)
+    held = {spec.mode.spec: spec.model for spec in specs if isinstance(spec, OpenedModel)}
+    given = (spec.mode if isinstance(spec, OpenedModel) else spec for spec in specs)
     asked = {mode.spec: mode for mode in (RequestMode(one) if isinstance(one, str) else one for one in given)}
     models = {spec: held.get(spec) or open_model(spec, mode) for spec, mode in asked.items()}
     if not models:
@@ -399,7 +399,7 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
         needs = CONDITIONS[name].needs
         if "text" in needs and not prompt.fields:
             left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
-        elif not any(available(name, frame) for frame in bank):
+        elif not any(is_available(name, frame) for frame in bank):
             left_out[name] = "no frame has a mirror axis" if "axis" in needs else "no frame has its picture"
         else:
             try:
@@ -409,7 +409,7 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
     return tuple(name for name in OF_BANKS if name not in left_out), left_out
 
 
-def resumed(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
+def resume_manifest(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
     """Return a run's manifest joined with that of the run in ``out``, if there is one.
 
     Pictures keep the encoding, and replies the reader, of the existing run; its bank may have
@@ -491,8 +491,8 @@ def sample_of(planned: Iterable[Battery]) -> "Sample":
     plan = held[0].plan
     asked = []
     for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
-        seen = through(plan.view, show("real", frame, plan.bank, plan.seed), frame.id)
-        asked.append((held[number % len(held)].plan.prompt, seen))
+        stimulus = through(plan.view, show("real", frame, plan.bank, plan.seed), frame.id)
+        asked.append((held[number % len(held)].plan.prompt, stimulus))
     return Sample(asked, plan.space)
 
 
@@ -516,7 +516,7 @@ def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple
     """
     with alone_in(out):
         # Again, because another process may have begun or extended this run before the lock.
-        manifest = resumed(out, manifest, bank)
+        manifest = resume_manifest(out, manifest, bank)
         write_run(out, manifest, bank)
         with Ledger(out / LEDGER, create=True) as ledger:
             require_requests(ledger, manifest, plan_of(manifest, bank))
@@ -533,7 +533,7 @@ def run(
     Raises LedgerError where another process is writing to the same run, or the ledger cannot be
     written.
     """
-    turns = turns_of(map(battery.manifest.mode, battery.plan.models), sequential=sequential)
+    turns = sequential_groups(map(battery.manifest.mode, battery.plan.models), sequential=sequential)
     battery = replace(battery, plan=replace(battery.plan, turns=turns))
     with writing(battery.out, battery.manifest, battery.plan.bank) as (manifest, ledger):
         if again and (first := ask_again(battery.plan, battery.models, ledger, **how)).stopped is not None:

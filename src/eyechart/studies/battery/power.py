@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from eyechart.conditions import CONTROLS, asked_in_stages, available
+from eyechart.conditions import CONTROLS, asked_in_stages, is_available
 from eyechart.frames import FrameBank
 from eyechart.report.table import Column, Mark, Table, columns, of_lines
 from eyechart.stats.agreement import detectable_share, trials_needed
@@ -74,8 +74,14 @@ class BankPower:
         """Return a row per label: whether the bank can give it, and how often when deserved."""
         power = self.odds.by_label
         rows = tuple(
-            (one.label, one.answer, Mark(one.words, "good" if one.reached else "bad"), power.get(one.label), one.lacks)
-            for one in self.labels
+            (
+                label.label,
+                label.answer,
+                Mark(label.words, "good" if label.reached else "bad"),
+                power.get(label.label),
+                label.lacks,
+            )
+            for label in self.labels
         )
         named = (*columns("word", "label", "answer", "can be reached"), Column("power", "number", 2))
         return Table("labels", "What this bank can say", (*named, Column("why not")), rows, self.odds.of_table)
@@ -148,7 +154,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
     bound = bounded_below(never, never, margin=MARGIN, alpha=ALPHA).ci
     controls = _controls_of(bank) | sampled_of(bank)
     shown = [name for name, count in (calls | controls).items() if count]
-    asked = {frame.id: tuple(name for name in shown if available(name, frame)) for frame in bank}
+    asked = {frame.id: tuple(name for name in shown if is_available(name, frame)) for frame in bank}
     return BankPower(
         bank=bank.name,
         frames=len(bank),
@@ -180,7 +186,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
 
 def _controls_of(bank: FrameBank) -> dict[str, int]:
     """Return on how many frames each control of a run's later stages can be shown."""
-    have = {name: sum(available(name, frame) for frame in bank) for name in CONTROLS}
+    have = {name: sum(is_available(name, frame) for frame in bank) for name in CONTROLS}
     return {name: have[name] for name in asked_in_stages([name for name, count in have.items() if count])}
 
 
@@ -191,34 +197,34 @@ def _smallest_p(bank: FrameBank) -> tuple[float | None, str]:
     levels, ranks = np.zeros(len(bank), dtype=np.int64), np.arange(len(bank), dtype=np.float64)
     columns = [np.array([getattr(frame, name) for frame in bank]) for name in ("scenario", "episode", "step")]
     try:
-        found = exchange_test(levels, ranks, *columns, seed=0, alpha=ALPHA)
+        statistic = exchange_test(levels, ranks, *columns, seed=0, alpha=ALPHA)
     except ValueError as error:
         return None, str(error)
-    smallest = found.smallest_p if isinstance(found, EpisodePermutation) else None
-    return smallest, "" if found.p is not None else found.note
+    smallest = statistic.smallest_p if isinstance(statistic, EpisodePermutation) else None
+    return smallest, "" if statistic.p is not None else statistic.note
 
 
 def _cannot_say(bank: FrameBank, calls: Mapping[str, int], pairs: int, exchange: str) -> dict[str, str]:
     """Return every test that this bank cannot decide, by name, with the reason."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     if pairs < FEWEST_PAIRS:
-        found["depth_interventional"] = f"{pairs} counterfactual pairs; {FEWEST_PAIRS} are needed"
+        result["depth_interventional"] = f"{pairs} counterfactual pairs; {FEWEST_PAIRS} are needed"
     if exchange:
-        found["depth_observational"] = found["depth_information"] = exchange
+        result["depth_observational"] = result["depth_information"] = exchange
     if bank.manifest.gap is None:
-        found |= dict.fromkeys(("obstacle", "mutual_information", "gap_order"), "the bank records no gap")
+        result |= dict.fromkeys(("obstacle", "mutual_information", "gap_order"), "the bank records no gap")
     for condition, tests in _READS.items():
         if not calls[condition]:
-            found |= dict.fromkeys(tests, f"no frame can be shown {condition}")
+            result |= dict.fromkeys(tests, f"no frame can be shown {condition}")
     if not bank.manifest.action_space.directional:
-        found["mirror_swap_rate"] = "no action of this space exchanges under reflection"
+        result["mirror_swap_rate"] = "no action of this space exchanges under reflection"
     if len(bank) < PRESENCE_FRAMES:
-        found["presence"] = f"{len(bank)} frames; {PRESENCE_FRAMES} are needed"
+        result["presence"] = f"{len(bank)} frames; {PRESENCE_FRAMES} are needed"
     need = pairs_to_bound(margin=MARGIN, alpha=ALPHA)
     for condition, name in _BOUNDS.items():
         if calls[condition] < need:
-            found.setdefault(name, f"{calls[condition]} frames can be shown {condition}; {need} are needed")
-    return found
+            result.setdefault(name, f"{calls[condition]} frames can be shown {condition}; {need} are needed")
+    return result
 
 
 _READS: Mapping[str, tuple[str, ...]] = {

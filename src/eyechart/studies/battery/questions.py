@@ -17,14 +17,14 @@ from pathlib import Path
 
 from eyechart import __version__
 from eyechart.calls import CallKey, Query
-from eyechart.conditions import available
+from eyechart.conditions import is_available
 from eyechart.errors import LedgerError, OutputError, SpecError, raising
 from eyechart.frames import MAIN, media_type, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
 from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE, made_elsewhere
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
 from eyechart.seeds import key_seed
@@ -182,7 +182,7 @@ def unasked(battery: Battery, condition: str, frame: str) -> str:
     """Return in words why a run has no call about a frame under a condition."""
     plan = battery.plan
     try:
-        there = available(condition, plan.bank.frame(frame))
+        there = is_available(condition, plan.bank.frame(frame))
     except (SpecError, LookupError):
         there = False
     if not there:
@@ -243,7 +243,7 @@ def _about(asked: Questions) -> dict[str, object]:
     return {
         "format": FORMAT,
         "eyechart": __version__,
-        **picked(asked, "bank=plan.bank.name keys.batch manifest.prompt"),
+        **to_json_fields(asked, "bank=plan.bank.name keys.batch manifest.prompt"),
         "seeds_of": "" if asked.is_unnamed else asked.plan.models[0],
         "calls": len(asked.left),
         "actions": list(asked.plan.space.actions),

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eyechart.conditions import BATTERY, FURTHER, RANGED, available
+from eyechart.conditions import BATTERY, FURTHER, RANGED, is_available
 from eyechart.frames import Frame, FrameBank
 from eyechart.run import spread
 from eyechart.seeds import key_seed
@@ -76,7 +76,7 @@ def reach_of(bank: FrameBank) -> tuple[Reach, ...]:
     return tuple(_reach(label, bank) for label in LABELS)
 
 
-def unreached(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]) -> list[str]:
+def unreachable_labels(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]) -> list[str]:
     """Return the labels that no model can get on these frames under these conditions.
 
     Conditions of later stages count as run.
@@ -131,7 +131,7 @@ def _kept_from(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> str:
 def _lacks(label: str, bank: FrameBank) -> str:
     """Return which needed conditions no frame can be shown, or what else the bank lacks."""
     calls = calls_of(bank)
-    shown = {name: calls.get(name, any(available(name, frame) for frame in bank)) for name in _NEEDS.get(label, ())}
+    shown = {name: calls.get(name, any(is_available(name, frame) for frame in bank)) for name in _NEEDS.get(label, ())}
     missing = [name for name, count in shown.items() if not count]
     if missing:
         return f"no frame can be shown {', '.join(missing)}"
@@ -227,18 +227,20 @@ class _Ideal:
         asked += [name for name in (*RANGED, *FURTHER, "nudged", "lead_absent") if name not in without]
         decisions = {
             name: tuple(
-                _decided(choose(self, name, place)) if available(name, frame) else None
+                _decided(choose(self, name, place)) if is_available(name, frame) else None
                 for place, frame in enumerate(self.frames)
             )
             for name in asked
         }
-        return Answers("", self.frames, space, gap, {name: one for name, one in decisions.items() if any(one)})
+        return Answers(
+            "", self.frames, space, gap, {name: decision for name, decision in decisions.items() if any(decision)}
+        )
 
     @cached_property
     def by_level(self) -> tuple[str, str, str]:
         """Return an action that goes on, one that brakes, and the one that brakes hardest."""
         space = self.space
-        order = sorted(space.actions, key=lambda one: space.project(one, "brake") or 0.0)
+        order = sorted(space.actions, key=lambda action: space.project(action, "brake") or 0.0)
         return order[0], order[-2], order[-1]
 
     @property
@@ -249,9 +251,9 @@ class _Ideal:
     @cached_property
     def distances(self) -> Mapping[str, np.ndarray]:
         """Return the lead's distance under each condition; unrecorded ones get a default."""
-        shown = moved_of(Answers("", self.frames, self.space, self.bank.manifest.gap, {}))
-        found = {name: shown.distance(picture) for name, picture in PICTURE_OF.items()}
-        found |= {name: shown.distance("far") for name in (BESIDE, "exchange_apart")}
+        levels = moved_of(Answers("", self.frames, self.space, self.bank.manifest.gap, {}))
+        found = {name: levels.distance(picture) for name, picture in PICTURE_OF.items()}
+        found |= {name: levels.distance("far") for name in (BESIDE, "exchange_apart")}
         return {name: np.where(np.isnan(one), _STANDS.get(name, np.inf), one) for name, one in found.items()}
 
     @cached_property
@@ -318,7 +320,9 @@ def _lateral(of: _Ideal, condition: str, place: int) -> str:
         return said
     frame = of.frames[of.partner(condition, place)]
     clear = [side for side, name in zip(("left", "right"), SIDES, strict=True) if frame.truth.get(name) is True]
-    turn = next((one for one in of.space.actions if len(clear) == 1 and clear[0] in one.lower()), of.by_level[0])
+    turn = next(
+        (action for action in of.space.actions if len(clear) == 1 and clear[0] in action.lower()), of.by_level[0]
+    )
     return str(of.space.reflect(turn)) if condition == "mirrored" else turn
 
 

@@ -21,7 +21,7 @@ from eyechart.stats.association import cramers_v_of_tables, entropy_of_counts, i
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.jackknife import over_counts
 from eyechart.stats.resamples import permutation_p, ratio_of_sums
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers
 
 Codes = NDArray[np.int16]
@@ -56,16 +56,18 @@ def differences(first: Answers, second: Answers, *, seed: int = 0, resamples: in
     Raises SpecError where the two have no frame in common, or different action spaces.
     """
     pair = _Pair(first, second, seed, resamples)
-    found: dict[str, Statistic] = {}
+    statistics: dict[str, Statistic] = {}
     for level, suffix in (("response", ""), ("decision", ".decision")):
         codes = pair.codes(level)
         measures = {**pair.agreements(), **pair.dependence()}
-        found |= {f"{name}{suffix}": pair.test(codes, measure, f"{name}.{level}") for name, measure in measures.items()}
-    found["unparsed_rate"] = pair.test(pair.codes("response"), pair.unparsed, "unparsed_rate")
-    found["mirror_swap_rate"] = pair.test(pair.codes("response"), pair.swaps, "mirror_swap_rate")
+        statistics |= {
+            f"{name}{suffix}": pair.test(codes, measure, f"{name}.{level}") for name, measure in measures.items()
+        }
+    statistics["unparsed_rate"] = pair.test(pair.codes("response"), pair.unparsed, "unparsed_rate")
+    statistics["mirror_swap_rate"] = pair.test(pair.codes("response"), pair.swaps, "mirror_swap_rate")
     for name, measure in pair.diversity().items():
-        found[name] = pair.test(pair.codes("decision"), measure, name)
-    return {"across_runs": pair.across(), "answer_shift": pair.shift(), **found}
+        statistics[name] = pair.test(pair.codes("decision"), measure, name)
+    return {"across_runs": pair.across(), "answer_shift": pair.shift(), **statistics}
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class _Pair:
     @cached_property
     def _places(self) -> tuple[list[int], list[int]]:
         there = {frame.id: place for place, frame in enumerate(self.second.frames)}
-        common = [(place, there[one.id]) for place, one in enumerate(self.first.frames) if one.id in there]
+        common = [(place, there[frame.id]) for place, frame in enumerate(self.first.frames) if frame.id in there]
         return [one for one, _ in common], [other for _, other in common]
 
     @cached_property
@@ -122,7 +124,7 @@ class _Pair:
         first, second = (float(measure(codes[run : run + 1], even)[0]) for run in (0, 1))
         n = int((codes >= 0).all(axis=0).any(axis=0).sum())
         if np.isnan(first) or np.isnan(second):
-            return cannot_say("one of the two runs cannot say", n, _METHOD)
+            return not_available("one of the two runs cannot say", n, _METHOD)
         interval = over_counts(int(self._episodes.max()) + 1, lambda counts: self._resampled(codes, measure, counts))
         p = self._p(codes, measure, second - first, name)
         ci, note = interval.ci, interval.note
@@ -189,9 +191,9 @@ class _Pair:
                 np.stack([self._counts(codes[:, row], weights) for row in range(codes.shape[1])], axis=1)
             )
 
-        found: dict[str, Measure] = {"cramers_v": over_conditions}
+        result: dict[str, Measure] = {"cramers_v": over_conditions}
         if self.first.gaps is None or self.first.gap is None:
-            return found
+            return result
         gaps, real = self.first.gaps[self._places[0]], self._row["real"]
         bins, near = quantile_bins(gaps).codes, (gaps < self.first.gap.threshold).astype(np.int64)
 
@@ -200,7 +202,7 @@ class _Pair:
             return np.stack([self._counts(codes[:, real], weights * (groups == kind)) for kind in kinds], axis=1)
 
         return {
-            **found,
+            **result,
             "mutual_information": lambda codes, weights: information_of_tables(by(bins, codes, weights)),
             "obstacle": lambda codes, weights: cramers_v_of_tables(by(near, codes, weights)),
         }
@@ -243,7 +245,7 @@ class _Pair:
         codes = codes[:, (codes >= 0).all(axis=0)]
         n, method = codes.shape[1], f"total variation distance of answers to real pictures, B={self.resamples}"
         if not n:
-            return cannot_say("no real picture was answered in both runs", method=method)
+            return not_available("no real picture was answered in both runs", method=method)
         one, other = (np.eye(len(self._names))[codes[run]] for run in (0, 1))
         moved = one - other
         rng = np.random.default_rng(key_seed("compare", self.seed, "answer_shift", "exchange"))
@@ -258,12 +260,16 @@ class _Pair:
         codes = self.codes("response")[:, self._row["real"]]
         both = (codes >= 0).all(axis=0)
         if not both.any():
-            return cannot_say("no real picture was answered in both runs")
+            return not_available("no real picture was answered in both runs")
         same = both & (codes[0] == codes[1])
         hits, frames = (np.bincount(self._episodes, weights=one) for one in (same, both))
-        found = share_over_episodes(hits, frames)
+        statistic = share_over_episodes(hits, frames)
         return Statistic(
-            found.value, found.n, found.ci, method=f"agreement across the runs; {found.method}", note=found.note
+            statistic.value,
+            statistic.n,
+            statistic.ci,
+            method=f"agreement across the runs; {statistic.method}",
+            note=statistic.note,
         )
 
 

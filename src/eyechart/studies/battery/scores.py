@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from eyechart.conditions import CONTROLS, OF_BANKS, available
+from eyechart.conditions import CONTROLS, OF_BANKS, is_available
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.frames import FrameBank
@@ -29,7 +29,14 @@ from eyechart.studies.battery.early_stop import EarlyStop, StoppingState
 from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
 from eyechart.studies.battery.plans import STUDY, plan_of
 from eyechart.studies.battery.requests import require_requests
-from eyechart.studies.battery.stages import ControlProgress, asked_of_model, staged, stages_of, supplied, widest
+from eyechart.studies.battery.stages import (
+    ControlProgress,
+    asked_of_model,
+    available_controls,
+    staged,
+    stages_of,
+    widest,
+)
 from eyechart.verdicts import Evidence, StoppingPoint
 
 READ = (*DEPTH_TESTS, *NAMES, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
@@ -112,15 +119,15 @@ class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
     @property
     def conditions(self) -> tuple[str, ...]:
         """Return the conditions of any model, controls last."""
-        asked = {name for model in self.models.values() for name in model.controls.controls}
-        return (*self.manifest.conditions, *(name for name in CONTROLS if name in asked))
+        controls = {name for model in self.models.values() for name in model.controls.controls}
+        return (*self.manifest.conditions, *(name for name in CONTROLS if name in controls))
 
     def __repr__(self) -> str:
         return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
 
     def evidence(self) -> dict[str, Evidence]:
         """Return what the rules judge of every model."""
-        absent = tuple(name for name in OF_BANKS if not any(available(name, frame) for frame in self.bank))
+        absent = tuple(name for name in OF_BANKS if not any(is_available(name, frame) for frame in self.bank))
         part = self.manifest.shard is not None and self.manifest.controls == "auto"
         return {
             spec: Evidence(
@@ -152,8 +159,8 @@ class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
             if one.unfinished
         }
         return tuple(
-            ModelStatistics(spec, self.bank.name, one.statistics, calls.get(spec, ""))
-            for spec, one in self.models.items()
+            ModelStatistics(spec, self.bank.name, model.statistics, calls.get(spec, ""))
+            for spec, model in self.models.items()
         )
 
     def scope(self, model: ModelScore | None = None) -> str:
@@ -191,7 +198,7 @@ def score(
     require_scorable(path, manifest, bank, independent=independent, reread=reread)
     if frames:
         chosen = set(frames)
-        asked = tuple(one.id for one in plan_of(manifest, bank).frames if one.id in chosen)
+        asked = tuple(frame.id for frame in plan_of(manifest, bank).frames if frame.id in chosen)
         if not asked or manifest.stop_early:
             why = "its answers chose its frames" if manifest.stop_early else "it has none of them"
             raise SpecError(f"{path} cannot be scored on {len(chosen)} frames of its bank: {why}")
@@ -240,7 +247,7 @@ def score_run(
     with Ledger(ledger_path) as ledger:
         if held:
             require_requests(ledger, manifest, plan)
-        may, asked, answers = supplied(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
+        may, asked, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
         for spec in manifest.models:
             replies = list(ledger.replies(spec))
             asked[spec] = asked_of_model(plan, spec, replies, may)
@@ -262,11 +269,11 @@ def score_run(
             answers[spec] = replace(answers[spec].under(plan.asked(spec)), finished=came)
     statistics = {
         spec: _with_evidence(
-            statistics_of(one.under(asked[spec].judged_of(plan)), how, independent=independent),
+            statistics_of(answer.under(asked[spec].judged_of(plan)), how, independent=independent),
             courses.get(spec),
             stopped.get(spec),
         )
-        for spec, one in answers.items()
+        for spec, answer in answers.items()
     }
     corrected = _corrected(statistics, {spec for spec, one in stopped.items() if one is not None})
     models = {
@@ -312,14 +319,14 @@ def taken(
     """Return costs and guards of a plan's calls; ``courses`` limit the calls of an early stop."""
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
-    shown = RequestChecks()
+    requestchecks = RequestChecks()
     for spec in manifest.models:
         mode, space = manifest.mode(spec), plan.space
         book, checks = Book(mode, space, prices), GuardChecks(mode, space)
-        for one in ledger.attempts(spec):
-            book.add(one)
-            checks.add(one)
-            shown.add(one)
+        for attempt in ledger.attempts(spec):
+            book.add(attempt)
+            checks.add(attempt)
+            requestchecks.add(attempt)
         course = (courses or {}).get(spec)
         controls = plan.controls.get(spec, ())
         asked = (
@@ -329,7 +336,7 @@ def taken(
         )
         spent[spec] = book.accounts()
         kept[spec] = checks.guards(asked, manifest.fingerprint, spent[spec][ALL].words)
-    return spent, {spec: (*guards, *shown.guards(spec)) for spec, guards in kept.items()}
+    return spent, {spec: (*guards, *requestchecks.guards(spec)) for spec, guards in kept.items()}
 
 
 def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:
@@ -345,27 +352,33 @@ def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers
 
 
 def _with_evidence(
-    found: Mapping[str, Statistic], course: StoppingState | None, stopped: StoppingPoint | None
+    statistics: Mapping[str, Statistic], course: StoppingState | None, stopped: StoppingPoint | None
 ) -> dict[str, Statistic]:
     """Add the e-values of a run that stops early; remove what holds only at a fixed sample size.
 
     The tests that ``depth`` reads stay, because they used all frames.
     """
     if course is None:
-        return dict(found)
+        return dict(statistics)
     if stopped is None:
-        return {**found, **course.statistics()}
+        return {**statistics, **course.statistics()}
     kept = {stopped.lateral_by, *(READ if stopped.whole else ())}
-    bare = {name: one if name in kept else _bare(one) for name, one in found.items()}
+    bare = {name: statistic if name in kept else _bare(statistic) for name, statistic in statistics.items()}
     return {**bare, **course.statistics()}
 
 
-def _bare(one: Statistic) -> Statistic:
+def _bare(statistic: Statistic) -> Statistic:
     """Return a statistic of a run that stopped early, without its p and its interval."""
     words = "stopped early: a p or an interval would hold at a fixed size only"
-    tested = {name for name in one.detail or {} if name.startswith("p_") or name.endswith("_p") or name == "bounded"}
-    detail = None if one.detail is None else {name: of for name, of in one.detail.items() if name not in tested}
-    return replace(one, ci=None, p=None, note=f"{one.note}; {words}" if one.note else words, detail=detail)
+    tested = {
+        name for name in statistic.detail or {} if name.startswith("p_") or name.endswith("_p") or name == "bounded"
+    }
+    detail = (
+        None if statistic.detail is None else {name: of for name, of in statistic.detail.items() if name not in tested}
+    )
+    return replace(
+        statistic, ci=None, p=None, note=f"{statistic.note}; {words}" if statistic.note else words, detail=detail
+    )
 
 
 def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.conditions import ABSENT, AGAIN, CONTROLS, asked_in_stages, available
+from eyechart.conditions import ABSENT, AGAIN, CONTROLS, asked_in_stages, is_available
 from eyechart.ledger import Ledger
 from eyechart.manifest import RunManifest
 from eyechart.run import Plan, Stages, in_order
@@ -43,17 +43,17 @@ class ControlProgress:
         return (*plan.conditions, *self.judged)
 
 
-def supplied(manifest: RunManifest, plan: Plan) -> tuple[str, ...]:
+def available_controls(manifest: RunManifest, plan: Plan) -> tuple[str, ...]:
     """Return the controls that may follow a run's conditions; a shard has none."""
     if manifest.controls != "auto" or plan.shard is not None:
         return ()
-    shown = asked_in_stages([name for name in CONTROLS if any(available(name, frame) for frame in plan.frames)])
+    shown = asked_in_stages([name for name in CONTROLS if any(is_available(name, frame) for frame in plan.frames)])
     return tuple(name for name in shown if name not in plan.conditions)
 
 
 def widest(manifest: RunManifest, plan: Plan) -> Plan:
     """Return a plan with every control that any model of the run may need."""
-    may = supplied(manifest, plan)
+    may = available_controls(manifest, plan)
     return replace(plan, controls={spec: may for spec in plan.models if may})
 
 
@@ -81,10 +81,10 @@ def asked_of_model(
     while finished.issuperset(replace(plan, controls={model: (*judged, *wanted)}).keys_of(model)):
         judged = (*judged, *wanted)
         part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
-        found = CalibratedStatistics(
+        calibratedstatistics = CalibratedStatistics(
             CalibratedTests(part, Resampling(seed=plan.seed), sure)
         )  # however the run is scored
-        wanted = controls_wanted(found, supplied=may, asked=judged)
+        wanted = controls_wanted(calibratedstatistics, supplied=may, asked=judged)
         if not wanted:
             return ControlProgress(judged, ended=True)
     return ControlProgress(judged, wanted, tuple(name for name in may if name not in judged + wanted))
@@ -104,7 +104,7 @@ def staged(plan: Plan, found: Mapping[str, ControlProgress]) -> Plan:
 
 def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict[str, ControlProgress]:
     """Return each model's controls in a ``whole`` run, from its ledger; None is an empty ledger."""
-    may = supplied(manifest, whole)
+    may = available_controls(manifest, whole)
     return {
         spec: asked_of_model(whole, spec, () if ledger is None or not may else ledger.replies(spec), may)
         for spec in whole.models
@@ -120,7 +120,7 @@ class AdaptiveStages(Stages):
 
     def __init__(self, plan: Plan, whole: Plan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._whole, self._ledger = plan, whole, ledger
-        self._may, self._controls = supplied(manifest, whole), dict(plan.controls)
+        self._may, self._controls = available_controls(manifest, whole), dict(plan.controls)
         self._replies: dict[str, dict[CallKey, Reply]] = {}
 
     def finished(self, key: CallKey, reply: Reply) -> None:

@@ -83,11 +83,11 @@ class BatteryStudy(FrameStudy[BatteryScore]):
         return judge(score)
 
     def findings(self, score: BatteryScore) -> Mapping[str, ModelSummary]:
-        found = {}
+        result = {}
         for spec, one in judge(score).items():
             said = ModelSummary.of(one.calibrated, LABELS[one.calibrated.label], one.state, one.marks)
-            found[spec] = replace(said, answer=one.answer)
-        return found
+            result[spec] = replace(said, answer=one.answer)
+        return result
 
     def printed(self, score: BatteryScore) -> "Iterator[Table | str]":
         from eyechart.report.accounts import costs_table
@@ -97,7 +97,7 @@ class BatteryStudy(FrameStudy[BatteryScore]):
         verdicts = judge(score)
         everyone = judged(score, verdicts)
         yield from (verdict_table(everyone), *group_tables(everyone), frontier_table(everyone))
-        yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
+        yield from (line for spec, verdict in verdicts.items() for line in marked(spec, verdict.marks))
         yield costs_table(score.accounting, every=False)
 
     def brief(self, score: BatteryScore) -> "Iterator[Table | str]":
@@ -142,7 +142,7 @@ class BatteryStudy(FrameStudy[BatteryScore]):
         yield from paper_tables(everyone)
         with style():
             yield agreement(everyone, as_paper=True).labelled("fgr:bicb")
-            yield from (one.labelled("mi-of-frames") for one in information(everyone))
+            yield from (drawing.labelled("mi-of-frames") for drawing in information(everyone))
 
     def require_scorable(self, run: Path, reading: ReadOptions) -> None:
         require_scorable(

@@ -90,15 +90,15 @@ def read_evidence(
     Raises LedgerError or BankError where a folder is no run. Missing or different pictures raise
     nothing.
     """
-    found = []
+    result = []
     for path, name in zip(runs, names_of(runs), strict=True):
         tell(f"scoring {name}")
         scored = score(path)
         tell(f"checking the pictures of {name}")
-        found.append(
+        result.append(
             evidence_of(name, scored, path / LEDGER, *find_pictures(scored.manifest, scored.bank, path, banks))
         )
-    return found
+    return result
 
 
 def evidence_of(
@@ -151,10 +151,10 @@ def find_pictures(
     return None, why
 
 
-def _usual_places(manifest: RunManifest, asked: FrameBank, run: Path) -> list[Path]:
+def _usual_places(manifest: RunManifest, bank: FrameBank, run: Path) -> list[Path]:
     """Return where a run's pictures may be: its own copy of the bank, and the recorded place."""
     own = run / BANK
-    held = [own] if any((own / file).is_file() for file in used_pictures(manifest, asked)) else []
+    held = [own] if any((own / file).is_file() for file in used_pictures(manifest, bank)) else []
     return [*held, Path(manifest.bank_path)]
 
 

@@ -59,15 +59,15 @@ def _said(who: Subject, place: int) -> VerdictSummary:
     verdict = who.verdict
     kept = verdict.why_not
     words = f"Not final, {verdict.state}. {verdict.trust}" if verdict.state else verdict.trust
-    why = "" if kept is None else f"{spoken(kept.label)} needs {kept.needs}. To settle it: {kept.settle}."
+    why = "" if kept is None else f"{label_words(kept.label)} needs {kept.needs}. To settle it: {kept.settle}."
     beware = "not to be relied on" if verdict.doubts else verdict.beware and "turns to the blocked side"
     label = verdict.calibrated.label
     return VerdictSummary(
-        who.label, spoken(label), LABELS[label].family, words, why, f"card-{place}", beware, verdict.answer
+        who.label, label_words(label), LABELS[label].family, words, why, f"card-{place}", beware, verdict.answer
     )
 
 
-def spoken(label: str) -> str:
+def label_words(label: str) -> str:
     """Return a label as words."""
     return label.replace("_", " ")
 
@@ -115,7 +115,7 @@ def _beside(
 
 def _alike(first: Evidence, other: Evidence, names: Sequence[str]) -> bool:
     """Return whether a run has the frames of the first, under all of these conditions."""
-    same = [one.id for one in first.frames] == [one.id for one in other.frames]
+    same = [frame.id for frame in first.frames] == [frame.id for frame in other.frames]
     bank = first.score.manifest.fingerprint == other.score.manifest.fingerprint
     return same and bank and set(names) <= {"real", *other.conditions}
 

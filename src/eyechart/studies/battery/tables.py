@@ -114,25 +114,25 @@ def depth_table(everyone: Sequence[JudgedModel]) -> Table:
 
 def frontier_rows(score: ModelScore) -> dict[str, str]:
     """Return one column of Table t:frontier: the paper's rows, as it prints them."""
-    found = score.statistics
-    swap, clears = found["mirror_swap_rate"], found["clears_floor"].value
+    statistics = score.statistics
+    swap, clears = statistics["mirror_swap_rate"], statistics["clears_floor"].value
     return {
-        "unparsed rate": number(found["unparsed_rate"].value),
-        "noise floor s": number(found["noise_floor"].value),
-        "agree(blank)": number(found["agree.blank"].value),
-        "agree(noise)": number(found["agree.noise"].value),
-        "agree(text_only)": number(found["agree.text_only"].value),
-        "agree(shuffled)": number(found["agree.shuffled"].value),
-        "agree(cross_scenario)": number(found["agree.cross_scenario"].value),
-        "Cramér's V": number(found["cramers_v"].value),
-        "V (real, blank)": number(found["cramers_v_real_blank"].value),
-        "IDI_adj": number(found["idi_adj"].value),
+        "unparsed rate": number(statistics["unparsed_rate"].value),
+        "noise floor s": number(statistics["noise_floor"].value),
+        "agree(blank)": number(statistics["agree.blank"].value),
+        "agree(noise)": number(statistics["agree.noise"].value),
+        "agree(text_only)": number(statistics["agree.text_only"].value),
+        "agree(shuffled)": number(statistics["agree.shuffled"].value),
+        "agree(cross_scenario)": number(statistics["agree.cross_scenario"].value),
+        "Cramér's V": number(statistics["cramers_v"].value),
+        "V (real, blank)": number(statistics["cramers_v_real_blank"].value),
+        "IDI_adj": number(statistics["idi_adj"].value),
         "clears noise floor": "—" if clears is None else "yes" if clears else "no",
         "n_dir": str(swap.n),
         "mirror swap rate": number(swap.value),
-        "I(A;g) (bits)": number(found["mutual_information.decision"].value),
-        "p (permutation)": p_value(found["mutual_information.decision"].p),
-        "p (action vs. obstacle)": p_value(found["obstacle.decision"].p),
+        "I(A;g) (bits)": number(statistics["mutual_information.decision"].value),
+        "p (permutation)": p_value(statistics["mutual_information.decision"].p),
+        "p (action vs. obstacle)": p_value(statistics["obstacle.decision"].p),
     }
 
 
@@ -145,9 +145,11 @@ def frontier_table(everyone: Sequence[JudgedModel]) -> Table:
         told = (None if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
         rows.append(("stopped early", *told))
     verdicts = [verdict for _, _, verdict in everyone]
-    if any(one.state for one in verdicts):
-        rows.append(("unfinished", *(one.progress or None for one in verdicts)))
-    rows.append(("verdict (paper)", *(Mark(one.paper.label, "", MARK if one.failed else "") for one in verdicts)))
+    if any(verdict.state for verdict in verdicts):
+        rows.append(("unfinished", *(verdict.progress or None for verdict in verdicts)))
+    rows.append(
+        ("verdict (paper)", *(Mark(verdict.paper.label, "", MARK if verdict.failed else "") for verdict in verdicts))
+    )
     rows.append(("verdict (calibrated)", *map(_label, verdicts)))
     named = (Column("metric", "word"), *columns("word", *(label for label, _, _ in everyone)))
     return Table("frontier", "The battery, as the paper prints it", named, tuple(rows))
@@ -165,10 +167,10 @@ def paper_tables(everyone: Sequence[Subject]) -> Iterator[Table]:
         "t:conditions", "Blind-input conditions; only the image changes"
     )
     frontier = frontier_table(judged_of(everyone))
-    kept = tuple(row for row in frontier.rows if row[0] not in UNPRINTED)
+    rows = tuple(row for row in frontier.rows if row[0] not in UNPRINTED)
     counts, words = _counts(everyone)
     caption = f"The battery, {words}. s is the rate of disagreement with itself on the identical image"
-    yield replace(frontier, rows=(*counts, *kept)).labelled("t:frontier", caption)
+    yield replace(frontier, rows=(*counts, *rows)).labelled("t:frontier", caption)
     yield numbers_table(everyone)
     if (order := order_table(everyone)).rows:
         yield order
@@ -195,8 +197,8 @@ def numbers_table(everyone: Sequence[Subject]) -> Table:
     """Return the unrounded numbers of Table t:frontier, a row each, with interval, n, p, method."""
     every = statistics_table(judged_of(everyone))
     place = every.names.index("statistic")
-    kept = tuple(row for row in every.rows if row[place] in PRINTED)
-    return replace(every, name="frontier-numbers", caption="Every number of Table t:frontier", rows=kept)
+    rows = tuple(row for row in every.rows if row[place] in PRINTED)
+    return replace(every, name="frontier-numbers", caption="Every number of Table t:frontier", rows=rows)
 
 
 PRINTED = (
@@ -239,13 +241,13 @@ def decisions_table(score: BatteryScore) -> Table:
     rows = tuple(
         (
             *(spec, frame.id, frame.scenario, frame.episode, condition),
-            *(None if one.action is None else space.symbol(one.action), one.missing, gap),
+            *(None if decision.action is None else space.symbol(decision.action), decision.missing, gap),
         )
         for spec, model in score.models.items()
         for space in (model.answers.space,)
         for condition, decisions in model.answers.decisions.items()
-        for frame, one, gap in zip(model.answers.frames, decisions, _gaps(model.answers), strict=True)
-        if one is not None
+        for frame, decision, gap in zip(model.answers.frames, decisions, _gaps(model.answers), strict=True)
+        if decision is not None
     )
     named = columns("word", "model", "frame", "scenario", "episode", "condition", "decision", "missing")
     return Table("decisions", "Every decision", (*named, Column("gap", "number")), rows)
@@ -258,9 +260,17 @@ def _gaps(answers: Answers) -> Sequence[float | None]:
 def statistics_table(everyone: Sequence[JudgedModel]) -> Table:
     """Return every statistic of every model; Holm p is corrected over the models of a run."""
     rows = tuple(
-        (label, name, *statistic_cells(one), model.holm.get(name), one.method, one.note, one.unit)
+        (
+            label,
+            name,
+            *statistic_cells(statistic),
+            model.holm.get(name),
+            statistic.method,
+            statistic.note,
+            statistic.unit,
+        )
         for label, model, _ in everyone
-        for name, one in model.statistics.items()
+        for name, statistic in model.statistics.items()
     )
     named = (Column("model"), Column("statistic", "word"), *STATISTIC, Column("Holm p", "p"))
     caption = "Every statistic with its interval, n and p"
@@ -296,7 +306,7 @@ _SHOWN = 5
 def group_tables(everyone: Sequence[JudgedModel]) -> Iterator[Table]:
     """Yield every statistic, a table per model and group, without the methods."""
     every = statistics_table(everyone)
-    kept = [place for place, one in enumerate(every.columns) if one.name != "method"]
+    kept = [place for place, column in enumerate(every.columns) if column.name != "method"]
     named = replace(every, columns=tuple(every.columns[place] for place in kept))
     for label, _, _ in everyone:
         grouped: dict[str, list[tuple[Cell, ...]]] = {title: [] for title in GROUPS}
@@ -332,12 +342,12 @@ def deciding_table(label: str, model: ModelScore, verdict: Verdict) -> Table:
 def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Iterator[Table | str]:
     """Yield the table of verdicts, what each verdict means, and the scope of all."""
     yield glance_table(judged(score, verdicts))
-    yield from (line for spec, one in verdicts.items() for line in marked(spec, one.marks))
-    for label in dict.fromkeys(one.calibrated.label for one in verdicts.values()):
+    yield from (line for spec, verdict in verdicts.items() for line in marked(spec, verdict.marks))
+    for label in dict.fromkeys(verdict.calibrated.label for verdict in verdicts.values()):
         yield f"{LABELS[label].answer}, {label}: {LABELS[label].says}"
     for spec, one in verdicts.items():
         if more := one.trust.removeprefix(LABELS[one.calibrated.label].says).strip():
             yield f"{spec}: {more}"
-    if any(one.stopped for one in verdicts.values()):
+    if any(verdict.stopped for verdict in verdicts.values()):
         yield "e (n/N): stopped early after n of N calls, by e-values, which are valid after every call."
     yield f"Scope: {score.scope()}"

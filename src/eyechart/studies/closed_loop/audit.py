@@ -23,7 +23,7 @@ from eyechart.stats.association import contingency, entropy_bits, modal_share, q
 from eyechart.stats.episode_permutation import exchange_mi_test
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.resamples import holm, permute_agreement, permute_mutual_information
-from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.stats.statistic import ModelStatistics, Statistic, not_available
 from eyechart.studies.closed_loop.drives import MODAL_CONSTANT, Driver, Drives
 from eyechart.studies.closed_loop.ladder import LEVEL
 
@@ -110,8 +110,8 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
     Models that drove with real pictures are one family, that of Table t:degeneracy; all others are
     another.
     """
-    rows = [degeneracy(one, resamples=resamples) for one in drives]
-    table = [in_table(one) for one in drives]
+    rows = [degeneracy(drive, resamples=resamples) for drive in drives]
+    table = [in_table(drive) for drive in drives]
     for family in (True, False):
         mine = [place for place, inside in enumerate(table) if inside == family]
         for place, row in zip(mine, corrected([rows[place] for place in mine]), strict=True):
@@ -148,12 +148,12 @@ def measured(
     worlds. ``unfinished`` says by model what its run lacks.
     """
     found = []
-    for one in drives:
-        if in_table(one):
-            row = degeneracy(one, resamples=resamples).statistics
+    for drive in drives:
+        if in_table(drive):
+            row = degeneracy(drive, resamples=resamples).statistics
             also = {name: row[mine] for name, mine in BITS.items()}
-            who = one.driver.policy
-            found.append(ModelStatistics(who, one.driver.simulator, {**also, **row}, unfinished.get(who, "")))
+            who = drive.driver.policy
+            found.append(ModelStatistics(who, drive.driver.simulator, {**also, **row}, unfinished.get(who, "")))
     return tuple(found)
 
 
@@ -163,7 +163,7 @@ def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:
     decided = actions != ""
     seed = key_seed("audit", drives.driver.simulator, drives.driver.policy, drives.driver.condition)
     entropy = entropy_bits(actions[decided])
-    naive = cannot_say("the truth of these drives has no lead_gap_m")
+    naive = not_available("the truth of these drives has no lead_gap_m")
     safe = naive
     if scene.geometry:
         naive = _naive(actions[decided], scene.codes[decided], seed, resamples)
@@ -184,13 +184,13 @@ def degeneracy(drives: Drives, *, resamples: int = 5000) -> Degeneracy:
 
 def _naive(actions: NDArray[np.str_], scene: NDArray[np.int64], seed: int, resamples: int) -> Statistic:
     if not len(actions):
-        return cannot_say("no decisions")
+        return not_available("no decisions")
     table = contingency(actions, scene).table
-    found = permute_mutual_information(table, seed=seed, resamples=resamples)
+    statistic = permute_mutual_information(table, seed=seed, resamples=resamples)
     rows, columns = table.shape
-    bias = (rows - 1) * (columns - 1) / (2 * found.n * float(np.log(2)))
-    detail = {**(found.detail or {}), "miller_madow": (found.value or 0.0) - bias, "shape": [rows, columns]}
-    return replace(found, detail=detail)
+    bias = (rows - 1) * (columns - 1) / (2 * statistic.n * float(np.log(2)))
+    detail = {**(statistic.detail or {}), "miller_madow": (statistic.value or 0.0) - bias, "shape": [rows, columns]}
+    return replace(statistic, detail=detail)
 
 
 def _episode_safe(drives: Drives, scene: NDArray[np.int64], seed: int, resamples: int) -> Statistic:
@@ -202,12 +202,12 @@ def _episode_safe(drives: Drives, scene: NDArray[np.int64], seed: int, resamples
     """
     actions = drives.actions
     if not (actions != "").any():
-        return cannot_say("no decisions")
+        return not_available("no decisions")
     if len(np.unique(actions[actions != ""])) < 2:
-        return replace(cannot_say("the decision never changes", int((actions != "").sum())), p=1.0)
+        return replace(not_available("the decision never changes", int((actions != "").sum())), p=1.0)
     kept = _common_steps(drives)
     if not kept.any():
-        return cannot_say("no scenario has two episodes that last two steps")
+        return not_available("no scenario has two episodes that last two steps")
     found = exchange_mi_test(
         actions[kept],
         scene[kept],
@@ -229,7 +229,8 @@ def _common_steps(drives: Drives) -> NDArray[np.bool_]:
     least: dict[str, int] = {}
     for scenario in np.unique(drives.scenario_of):
         mine = sorted(
-            (len(one.steps) for one in drives.episodes if one.key.scenario == scenario and one.steps), reverse=True
+            (len(episode.steps) for episode in drives.episodes if episode.key.scenario == scenario and episode.steps),
+            reverse=True,
         )
         allowed = range(max(2, (len(mine) + 1) // 2), len(mine) + 1)
         best = max(allowed, key=lambda count: count * mine[count - 1], default=0)
@@ -241,7 +242,7 @@ def _common_steps(drives: Drives) -> NDArray[np.bool_]:
 
 def _distinct(actions: NDArray[np.str_]) -> Statistic:
     if not len(actions):
-        return cannot_say("no decisions")
+        return not_available("no decisions")
     names, counts = np.unique(actions, return_counts=True)
     detail = {"counts": dict(zip(names.tolist(), counts.tolist(), strict=True))}
     return Statistic(float(len(names)), len(actions), method="distinct decisions", detail=detail)
@@ -250,9 +251,9 @@ def _distinct(actions: NDArray[np.str_]) -> Statistic:
 def _share(information: Statistic, entropy: Statistic) -> Statistic:
     method = "information over entropy"
     if information.value is None or entropy.value is None:
-        return cannot_say(information.note or entropy.note, entropy.n, method)
+        return not_available(information.note or entropy.note, entropy.n, method)
     if entropy.value == 0:
-        return cannot_say("the decision never changes: there is no variability to explain", entropy.n, method)
+        return not_available("the decision never changes: there is no variability to explain", entropy.n, method)
     return Statistic(information.value / entropy.value, entropy.n, method=method)
 
 
@@ -294,13 +295,13 @@ class ReplayComparison(KeyedRecord):
     @property
     def best_constant(self) -> tuple[str, float] | None:
         """Return the constant with the highest agreement, and its agreement."""
-        known = [(name, one.value) for name, one in self.constants.items() if one.value is not None]
+        known = [(name, constant.value) for name, constant in self.constants.items() if constant.value is not None]
         return max(known, key=lambda pair: pair[1], default=None)
 
 
 def replays(drives: Drives, *, resamples: int = 5000) -> list[ReplayComparison]:
     """Return a driver's comparison with each controller that the truth allows, by decisions."""
-    found = []
+    result = []
     for name, controller in CONTROLLERS.items():
         asked = [controller(step) for step in drives.steps]
         if any(one is not None and one in drives.space.actions for one in asked):
@@ -309,19 +310,19 @@ def replays(drives: Drives, *, resamples: int = 5000) -> list[ReplayComparison]:
             actions, wanted, worlds = drives.actions[decided], whole[decided], drives.world_of[decided]
             seed = key_seed("replay", drives.driver.simulator, drives.driver.policy, drives.driver.condition, name)
             agreement = _agreement(actions == wanted, worlds)
-            constants = {one: _agreement(wanted == one, worlds) for one in drives.space.actions}
-            found.append(
+            constants = {action: _agreement(wanted == action, worlds) for action in drives.space.actions}
+            result.append(
                 ReplayComparison(drives.driver, name, agreement, constants, _shuffled(actions, wanted, seed, resamples))
             )
-    return found
+    return result
 
 
 def _agreement(hits: NDArray[np.bool_], worlds: NDArray[np.str_]) -> Statistic:
     if not len(hits):
-        return cannot_say("no decisions to compare")
+        return not_available("no decisions to compare")
     _, codes = np.unique(worlds, return_inverse=True)
-    found = share_over_episodes(np.bincount(codes, weights=hits), np.bincount(codes))
-    return replace(rate(int(hits.sum()), len(hits)), note=found.note) if found.ci is None else found
+    statistic = share_over_episodes(np.bincount(codes, weights=hits), np.bincount(codes))
+    return replace(rate(int(hits.sum()), len(hits)), note=statistic.note) if statistic.ci is None else statistic
 
 
 def _shuffled(actions: NDArray[np.str_], asked: NDArray[np.str_], seed: int, resamples: int) -> Statistic:

@@ -141,18 +141,20 @@ def beside_marginals(
     The marginal must have driven in the same run. Holm corrects over the tests of one driver.
     Source: paper, section The Input-Ablation Battery.
     """
-    found, place = [], attrgetter("simulator", "run", "condition")
+    result, place = [], attrgetter("simulator", "run", "condition")
     for drawn in drives:
         real = [
-            one for one in drives if drawn.marginal_of == one.driver.policy and place(one.driver) == place(drawn.driver)
+            drive
+            for drive in drives
+            if drawn.marginal_of == drive.driver.policy and place(drive.driver) == place(drawn.driver)
         ]
         for one in real:
             each = corrected([paired(one, drawn, outcomes, resamples=resamples)])[0]
             tests = sum(p is not None for p in each.holm.values())
-            told = BlindBaseline(one.driver, MARGINAL, each, _ruling(one, drawn, each, MARGINAL, tests))
-            shows = f"{each.first.policy} beside its own marginal: {_beside(told.finding, each, tests)}"
-            found.append(replace(told, shows=shows))
-    return found
+            baseline = BlindBaseline(one.driver, MARGINAL, each, _ruling(one, drawn, each, MARGINAL, tests))
+            shows = f"{each.first.policy} beside its own marginal: {_beside(baseline.finding, each, tests)}"
+            result.append(replace(baseline, shows=shows))
+    return result
 
 
 def _beside(finding: str, found: PairedDifference, tests: int) -> str:
@@ -182,17 +184,18 @@ def blind_baselines(
 
     Holm corrects over all tests of one policy, because each policy is its own question.
     """
-    found, whose = [], attrgetter("simulator", "policy", "run")
+    result, whose = [], attrgetter("simulator", "policy", "run")
     for real in drives:
         if real.driver.condition == "real":
-            others = [one for one in drives if whose(one.driver) == whose(real.driver) and one is not real]
-            family = corrected([paired(real, one, outcomes, resamples=resamples) for one in others])
+            others = [drive for drive in drives if whose(drive.driver) == whose(real.driver) and drive is not real]
+            family = corrected([paired(real, drive, outcomes, resamples=resamples) for drive in others])
             tests = sum(p is not None for each in family for p in each.holm.values())
-            shown = any(asks(one.driver.condition) == CAMERA for one in others)
-            found += [
-                _said(real, one, each, outcomes, tests, shown=shown) for one, each in zip(others, family, strict=True)
+            shown = any(asks(drive.driver.condition) == CAMERA for drive in others)
+            result += [
+                _said(real, drive, each, outcomes, tests, shown=shown)
+                for drive, each in zip(others, family, strict=True)
             ]
-    return found
+    return result
 
 
 def asks(condition: str) -> str:
@@ -206,20 +209,20 @@ def _unseen(condition: str) -> bool:
 
 
 def _said(
-    real: Drives, other: Drives, found: PairedDifference, outcomes: SuccessCriteria, tests: int, *, shown: bool
+    real: Drives, other: Drives, difference: PairedDifference, outcomes: SuccessCriteria, tests: int, *, shown: bool
 ) -> BlindBaseline:
     """Return a comparison in words; ``shown`` says that other worlds' pictures were driven too."""
     condition, failed = other.driver.condition, _failed(real, other)
-    one = BlindBaseline(
-        real.driver, condition, found, _ruling(real, other, found, condition, tests, failed=bool(failed))
+    baseline = BlindBaseline(
+        real.driver, condition, difference, _ruling(real, other, difference, condition, tests, failed=bool(failed))
     )
-    unasked = one.finding == DIFFERS and not shown and one.asks != REPEAT
-    ends = "" if one.asks == REPEAT else _completion(real, other, outcomes)
+    unasked = baseline.finding == DIFFERS and not shown and baseline.asks != REPEAT
+    ends = "" if baseline.asks == REPEAT else _completion(real, other, outcomes)
     silent = _often(real, other, "the steps", undecided_share)
     silence = f"It decides nothing at {silent}: the fail-safe drives there." if silent else ""
     return replace(
-        one,
-        shows=failed or _shows(one.finding, found, condition, tests),
+        baseline,
+        shows=failed or _shows(baseline.finding, difference, condition, tests),
         unasked=_UNASKED if unasked else "",
         rest=" ".join(filter(None, [silence, ends])),
     )
@@ -229,15 +232,18 @@ _UNASKED = f"Whether it depends on {CAMERA} was not tested: drive it with other 
 
 
 def _ruling(
-    real: Drives, other: Drives, found: PairedDifference, condition: str, tests: int, *, failed: bool = False
+    real: Drives, other: Drives, difference: PairedDifference, condition: str, tests: int, *, failed: bool = False
 ) -> Ruling:
     """Return the ruling on a driver under a condition, from drives in the same worlds."""
     same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in real.by_world.keys() & other.by_world)
-    name, what = min(OUTCOMES, key=lambda one: 2.0 if (p := found.holm.get(one)) is None else p), asks(condition)
+    name, what = (
+        min(OUTCOMES, key=lambda outcome: 2.0 if (p := difference.holm.get(outcome)) is None else p),
+        asks(condition),
+    )
     known = {
-        "alike": Statistic(same / found.worlds if found.worlds else None, found.worlds),
-        "difference": replace(found.differences[name], p=found.holm.get(name)),
-        "worlds_to_spare": Statistic(float(found.worlds - _needed(tests)), found.worlds),
+        "alike": Statistic(same / difference.worlds if difference.worlds else None, difference.worlds),
+        "difference": replace(difference.differences[name], p=difference.holm.get(name)),
+        "worlds_to_spare": Statistic(float(difference.worlds - _needed(tests)), difference.worlds),
         **fact("failed", holds=failed),
         **fact("of_camera", holds=what == CAMERA),
         **fact("of_itself", holds=what == REPEAT),
@@ -276,16 +282,18 @@ def _shows(finding: str, found: PairedDifference, condition: str, tests: int) ->
     return _too_few(found, tests, f"whether {condition} pictures change how it drives")
 
 
-def _changes(found: PairedDifference) -> str:
+def _changes(difference: PairedDifference) -> str:
     """Return what differs after Holm, each number with its interval and p."""
-    changed = [(name, found.differences[name], found.holm[name]) for name in OUTCOMES if name in found.changed]
+    changed = [
+        (name, difference.differences[name], difference.holm[name]) for name in OUTCOMES if name in difference.changed
+    ]
     return "; ".join(f"{_number(one, name)} (Holm p {_p(p)})" for name, one, p in changed)
 
 
-def _bounds(found: PairedDifference) -> str:
-    bounded = [name for name in OUTCOMES if found.differences[name].ci is not None]
-    said = "; ".join(_number(found.differences[name], name) for name in bounded)
-    free = "; ".join(_number(found.differences[name], name) for name in OUTCOMES if name not in bounded)
+def _bounds(difference: PairedDifference) -> str:
+    bounded = [name for name in OUTCOMES if difference.differences[name].ci is not None]
+    said = "; ".join(_number(difference.differences[name], name) for name in bounded)
+    free = "; ".join(_number(difference.differences[name], name) for name in OUTCOMES if name not in bounded)
     return f"the data bound it, with 95 % intervals, to {said}" + (f" (without a bound: {free})" if free else "")
 
 
@@ -377,13 +385,13 @@ def _completion(real: Drives, other: Drives, outcomes: SuccessCriteria) -> str:
     return f"{counts}: there is no completion to explain."
 
 
-def _number(one: Statistic, name: str) -> str:
+def _number(statistic: Statistic, name: str) -> str:
     unit = _UNITS.get(name, "")
     scale, unit = (100.0, " points") if name.endswith("_rate") else (1.0, unit)
-    if one.value is None:
+    if statistic.value is None:
         return f"{_WORDS[name]} —"
-    interval = "" if one.ci is None else f" [{scale * one.ci[0]:+.1f}, {scale * one.ci[1]:+.1f}]"
-    return f"{_WORDS[name]} {scale * one.value:+.1f}{interval}{unit}"
+    interval = "" if statistic.ci is None else f" [{scale * statistic.ci[0]:+.1f}, {scale * statistic.ci[1]:+.1f}]"
+    return f"{_WORDS[name]} {scale * statistic.value:+.1f}{interval}{unit}"
 
 
 def _p(p: float | None) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from eyechart.episodes import Episode
 from eyechart.errors import EyechartError, counted
 from eyechart.frames import RGB
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.report.page import evenly
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import data_uri, encode_small
@@ -37,7 +37,7 @@ class BrowserData:
 
 def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell = lambda _: None) -> BrowserData:
     """Return the browser's data; ``pictured`` episodes are replayed for their pictures."""
-    every = [(one, episode) for one in score.drives for episode in (*one.episodes, *one.errors)]
+    every = [(drive, episode) for drive in score.drives for episode in (*drive.episodes, *drive.errors)]
     steps = sum(len(episode.steps) for _, episode in every)
     part = min(1.0, MOST_EPISODES / max(1, len(every)), MOST_STEPS / max(1, steps))
     listed = evenly(every, max(1, int(part * len(every))))
@@ -53,7 +53,7 @@ def drives_data(score: ClosedLoopScore, *, pictured: int = PICTURED, tell: Tell 
     episodes = [_episode(one, episode, album, texts) for one, episode in listed]
     if texts.cut:
         notes.append(f"{texts.cut} replies are cut or left out; the ledger has all of them.")
-    roles = {action: one.space.role(action) for one in score.drives for action in one.space.actions}
+    roles = {action: drive.space.role(action) for drive in score.drives for action in drive.space.actions}
     data = {"episodes": episodes, "pictures": album.uris, "texts": texts.kept, "roles": roles}
     return BrowserData(data, tuple(notes))
 
@@ -62,12 +62,12 @@ def _chosen(
     drives: Sequence[Drives], listed: Sequence[tuple[Drives, Episode]], count: int
 ) -> list[tuple[Drives, Episode]]:
     """Return the episodes with pictures: one per driver, drivers taken evenly, worlds varied."""
-    found = []
+    result = []
     for turn, one in enumerate(evenly(drives, count)):
         mine = [episode for other, episode in listed if other is one and episode.steps and episode.ended != "error"]
         if mine:
-            found.append((one, mine[(7 * turn) % len(mine)]))
-    return found
+            result.append((one, mine[(7 * turn) % len(mine)]))
+    return result
 
 
 class _Album:
@@ -151,7 +151,7 @@ def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> 
         "driver": drives.driver.label,
         "policy": episode.key.policy,
         "run": drives.driver.run,
-        **picked(episode, "key.simulator key.scenario key.seed key.condition ended detail"),
+        **to_json_fields(episode, "key.simulator key.scenario key.seed key.condition ended detail"),
         "distance": _rounded(episode.distance_m, 1),
         "reward": round(episode.reward, 2),
         "crashed": episode.crashed,

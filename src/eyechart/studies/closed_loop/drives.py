@@ -93,12 +93,12 @@ class Drives:
     @cached_property
     def scenario_of(self) -> NDArray[np.str_]:
         """Return each step's scenario."""
-        return np.array([one.key.scenario for one in self.episodes for _ in one.steps], dtype=np.str_)
+        return np.array([episode.key.scenario for episode in self.episodes for _ in episode.steps], dtype=np.str_)
 
     @cached_property
     def world_of(self) -> NDArray[np.str_]:
         """Return each step's world."""
-        return np.array([one.key.world for one in self.episodes for _ in one.steps], dtype=np.str_)
+        return np.array([episode.key.world for episode in self.episodes for _ in episode.steps], dtype=np.str_)
 
     @cached_property
     def step_of(self) -> NDArray[np.int64]:
@@ -202,12 +202,14 @@ def _drivers(path: Path, name: str, episodes: Sequence[Episode], manifest: Episo
     for episode in episodes:
         key = episode.key
         groups.setdefault(Driver(key.simulator, key.policy, key.condition, name), []).append(episode)
-    made = []
-    for driver in sorted(groups, key=lambda one: (order.index(one.policy), conditions.index(one.condition), one)):
+    drivers = []
+    for driver in sorted(
+        groups, key=lambda group: (order.index(group.policy), conditions.index(group.condition), group)
+    ):
         mine = sorted(groups[driver], key=lambda one: (one.key.scenario, one.key.seed))
         good = tuple(one for one in mine if one.ended != ERROR)
         bad = tuple(one for one in mine if one.ended == ERROR)
         asked = driver.policy in manifest.models
         own = manifest.marginal_of(driver.policy)
-        made.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked, marginal_of=own))
-    return made
+        drivers.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked, marginal_of=own))
+    return drivers

@@ -50,7 +50,7 @@ def lines(drives: Drives, episode: Episode) -> list[Caption]:
     replies = drives.texts
     world, count = episode.key.world, len(episode.steps)
     tells = any(gap is not None for gap in drives.truth("lead_gap_m"))
-    found = [
+    captions = [
         Caption(
             place=f"{world} · decision {number} of {count} · shown: {episode.key.condition}",
             decision=decided(step),
@@ -62,7 +62,7 @@ def lines(drives: Drives, episode: Episode) -> list[Caption]:
         for number, step in enumerate(episode.steps, 1)
     ]
     ended = f"ended: {episode.ended} {episode.detail}".strip()
-    return [*found, Caption(f"{world} · end", "", "", ended, "", substituted=False)]
+    return [*captions, Caption(f"{world} · end", "", "", ended, "", substituted=False)]
 
 
 def _state(gap: object, speed_mps: float | None, *, tells: bool, crashed: bool) -> str:
@@ -173,9 +173,9 @@ def _write_gif(out: Path, film: _Film) -> int:
 def _reduced(page: Image.Image) -> Image.Image:
     """Return a picture in 128 colours plus those of the sketch's thin lines, to keep these."""
     found = page.quantize(128, dither=Image.Dither.NONE)
-    kept = [level for stroke in STROKES for level in ImageColor.getrgb(stroke.colour)]
+    levels = [level for stroke in STROKES for level in ImageColor.getrgb(stroke.colour)]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*(found.getpalette() or [])[: 3 * 128], *kept])
+    palette.putpalette([*(found.getpalette() or [])[: 3 * 128], *levels])
     return page.quantize(palette=palette, dither=Image.Dither.NONE)
 
 

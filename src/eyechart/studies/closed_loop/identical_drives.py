@@ -18,7 +18,7 @@ from statistics import median
 
 from eyechart.calls import Reply
 from eyechart.episodes import Episode
-from eyechart.records import KeyedRecord, picked
+from eyechart.records import KeyedRecord, to_json_fields
 from eyechart.simulators import declared_by
 from eyechart.studies.closed_loop.drives import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
 
@@ -77,7 +77,7 @@ def repeated_requests(drives: Drives) -> RepeatedRequests | None:
 
 def seconds(replies: Iterable[Reply]) -> float:
     """Return the median seconds of some replies, 0 where none was measured."""
-    given = [one.seconds for one in replies if one.seconds is not None]
+    given = [reply.seconds for reply in replies if reply.seconds is not None]
     return median(given) if given else 0.0
 
 
@@ -101,7 +101,7 @@ class ReplyComparison:
     words: str
 
     @property
-    def verbatim(self) -> bool:
+    def is_verbatim(self) -> bool:
         """Return whether the replies are the same to the word; False where none can be compared."""
         return self.compared > 0 and self.same >= VERBATIM * self.compared
 
@@ -169,20 +169,20 @@ class IdenticalEpisodes:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
-            "drivers": [one.label for one in self.drivers],
+            "drivers": [driver.label for driver in self.drivers],
             "simulator": self.drivers[0].simulator,
-            **picked(self, "worlds identical=same kind words"),
+            **to_json_fields(self, "worlds identical=same kind words"),
         }
 
 
-def same_drive(one: Episode, other: Episode) -> bool:
+def same_drive(episode: Episode, other: Episode) -> bool:
     """Return whether two episodes of one world went the same way to the last digit.
 
     The decisions may differ.
     """
-    ends = [(each.key.world, each.state_sha256, each.ended, len(each.steps)) for each in (one, other)]
+    ends = [(each.key.world, each.state_sha256, each.ended, len(each.steps)) for each in (episode, other)]
     course = attrgetter("reward", "speed_mps", "distance_m", "crashed")
-    return ends[0] == ends[1] and all(map(eq, map(course, one.steps), map(course, other.steps)))
+    return ends[0] == ends[1] and all(map(eq, map(course, episode.steps), map(course, other.steps)))
 
 
 def commands_of(drives: Drives) -> Mapping[str, str]:
@@ -191,19 +191,19 @@ def commands_of(drives: Drives) -> Mapping[str, str]:
     return {} if declared is None else declared.commands
 
 
-def twins(drives: Sequence[Drives]) -> list[IdenticalEpisodes]:
+def identical_groups(drives: Sequence[Drives]) -> list[IdenticalEpisodes]:
     """Return every group of drivers with identical drives; pairs of one kind are joined."""
     pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in WHY}
     for one, other in itertools.combinations(drives, 2):
         common = sorted(one.by_world.keys() & other.by_world.keys())
         if worlds := [world for world in common if same_drive(one.by_world[world], other.by_world[world])]:
             pairs[_kind(one, other, worlds)].setdefault(tuple(worlds), []).append((one, other))
-    found = []
+    result = []
     for kind, by_worlds in pairs.items():
         for same, many in by_worlds.items():
             groups = [list(pair) for pair in many] if kind in {SUSPECT, ALIKE, COINCIDE} else _joined(many)
-            found += [_twins(kind, group, same) for group in groups]
-    return found
+            result += [_twins(kind, group, same) for group in groups]
+    return result
 
 
 def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
@@ -227,12 +227,12 @@ def _kind_of_models(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     mostly = len(worlds) >= MOSTLY * len(one.by_world.keys() & other.by_world.keys())
     told = wording(one, other, worlds)
     if one.driver.policy == other.driver.policy:
-        if mostly and told.verbatim and told.faster:
+        if mostly and told.is_verbatim and told.faster:
             return SUSPECT
         return REPEATS if one.driver.condition == other.driver.condition else COINCIDE
-    if mostly and told.verbatim and (told.beyond_decisions or told.faster):
+    if mostly and told.is_verbatim and (told.beyond_decisions or told.faster):
         return SUSPECT
-    return ALIKE if mostly and (told.verbatim or not told.compared) else COINCIDE
+    return ALIKE if mostly and (told.is_verbatim or not told.compared) else COINCIDE
 
 
 def _executed(drives: Drives, worlds: Sequence[str]) -> list[str]:

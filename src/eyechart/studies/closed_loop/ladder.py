@@ -24,7 +24,7 @@ from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.paired_tests import DiscordantPairs, mcnemar_exact, paired_difference
 from eyechart.stats.resamples import holm
 from eyechart.stats.sign_flip import sign_flip_test
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.closed_loop.drives import Driver, Drives
 
 SEEDS = 8
@@ -115,10 +115,10 @@ class SuccessCriteria:
 
 def outcomes_of(drives: Sequence[Drives]) -> SuccessCriteria:
     """Return the definition of success in the worlds of these drives."""
-    declared = {name: declared_by(name) for name in {one.driver.simulator for one in drives}}
+    declared = {name: declared_by(name) for name in {drive.driver.simulator for drive in drives}}
     goals = {name for name, one in declared.items() if one is not None and one.has_goal}
-    every = [episode for one in drives for episode in one.episodes]
-    reached = (one.key for one in every if one.ended == "goal" or one.key.simulator in goals)
+    every = [episode for drive in drives for episode in drive.episodes]
+    reached = (episode.key for episode in every if episode.ended == "goal" or episode.key.simulator in goals)
     return SuccessCriteria(frozenset((key.simulator, key.scenario) for key in reached))
 
 
@@ -157,16 +157,16 @@ class PairedDifference(KeyedRecord):
 def rung(drives: Drives, outcomes: SuccessCriteria) -> LadderRow:
     """Return a driver's row; episodes that ended in an error count only in ``errors``."""
     episodes = drives.episodes
-    found: dict[str, Statistic] = {}
+    statistics: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
-        told = [value for one in episodes if (value := measure(one)) is not None]
+        told = [value for episode in episodes if (value := measure(episode)) is not None]
         if episodes and not told:
-            found[name] = cannot_say(UNTOLD)
+            statistics[name] = not_available(UNTOLD)
             continue
-        found[name] = mean_of_drives(told)
-    found["crash_rate"] = exact_rate(sum(one.crashed for one in episodes), len(episodes))
-    found["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
-    return LadderRow(drives.driver, found, len(drives.errors))
+        statistics[name] = mean_of_drives(told)
+    statistics["crash_rate"] = exact_rate(sum(episode.crashed for episode in episodes), len(episodes))
+    statistics["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
+    return LadderRow(drives.driver, statistics, len(drives.errors))
 
 
 NO_INTERVAL = "no interval: where few drives end early none was found that covers"
@@ -176,16 +176,16 @@ NO_INTERVAL = "no interval: where few drives end early none was found that cover
 def mean_of_drives(values: Sequence[float]) -> Statistic:
     """Return the mean of a number over drives, without an interval; None without drives."""
     if not len(values):
-        return cannot_say("no episodes", method="mean over episodes")
+        return not_available("no episodes", method="mean over episodes")
     return Statistic(float(np.mean(values)), len(values), method="mean over episodes", note=NO_INTERVAL)
 
 
 def exact_rate(k: int, n: int) -> Statistic:
     """Return a share with its exact 95 % interval (Clopper-Pearson); None for n = 0."""
-    found = rate(k, n)
-    if found.value is None:
-        return found
-    return replace(found, ci=clopper_pearson(k, n), method="share, 95% Clopper-Pearson interval")
+    result = rate(k, n)
+    if result.value is None:
+        return result
+    return replace(result, ci=clopper_pearson(k, n), method="share, 95% Clopper-Pearson interval")
 
 
 def paired(first: Drives, second: Drives, outcomes: SuccessCriteria, *, resamples: int = 5000) -> PairedDifference:
@@ -196,32 +196,32 @@ def paired(first: Drives, second: Drives, outcomes: SuccessCriteria, *, resample
     worlds = sorted(first.by_world.keys() & second.by_world.keys())
     one, other = [first.by_world[name] for name in worlds], [second.by_world[name] for name in worlds]
     who = (*astuple(first.driver)[:3], *astuple(second.driver)[:3])
-    found: dict[str, Statistic] = {}
+    statistics: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
         pairs = [(measure(mine), measure(theirs)) for mine, theirs in zip(one, other, strict=True)]
         told = [(mine, theirs) for mine, theirs in pairs if mine is not None and theirs is not None]
         if pairs and not told:
-            found[name] = cannot_say(UNTOLD)
+            statistics[name] = not_available(UNTOLD)
             continue
         a, b = np.array([mine for mine, _ in told]), np.array([theirs for _, theirs in told])
         seed = key_seed("paired", *who, name)
         tested = sign_flip_test(a, b, seed=seed, resamples=resamples)
         if tested.value is not None and (a != b).any():
             tested = replace(tested, note=tested.note or NO_INTERVAL)
-        found[name] = tested
-    found["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])
-    found["success_rate"] = _binary(list(map(outcomes.success, one)), list(map(outcomes.success, other)))
-    return PairedDifference(first.driver, second.driver, len(worlds), found, {})
+        statistics[name] = tested
+    statistics["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])
+    statistics["success_rate"] = _binary(list(map(outcomes.success, one)), list(map(outcomes.success, other)))
+    return PairedDifference(first.driver, second.driver, len(worlds), statistics, {})
 
 
 def _binary(one: Sequence[bool], other: Sequence[bool]) -> Statistic:
     """Return the difference of two paired rates with Tango's interval and exact McNemar's p."""
     if not one:
-        return cannot_say("no world was driven by both")
-    found = paired_difference(np.array(one, dtype=int), np.array(other, dtype=int))
-    assert isinstance(found, DiscordantPairs)  # there is a pair
-    tested = mcnemar_exact(found.b, found.c)
-    return replace(found, p=tested.p, method=f"{found.method}; {tested.method}")
+        return not_available("no world was driven by both")
+    statistic = paired_difference(np.array(one, dtype=int), np.array(other, dtype=int))
+    assert isinstance(statistic, DiscordantPairs)  # there is a pair
+    tested = mcnemar_exact(statistic.b, statistic.c)
+    return replace(statistic, p=tested.p, method=f"{statistic.method}; {tested.method}")
 
 
 def corrected(family: Sequence[PairedDifference]) -> list[PairedDifference]:
@@ -240,13 +240,13 @@ def reference_of(drives: Sequence[Drives], against: str | None = None) -> Drives
     None where no constant drove with real pictures. Raises SpecError where ``against`` is not among
     the drivers.
     """
-    real = [one for one in drives if one.driver.condition == "real" and one.episodes]
+    real = [drive for drive in drives if drive.driver.condition == "real" and drive.episodes]
     if against is not None:
-        if named := [one for one in real if one.driver.policy == against]:
+        if named := [drive for drive in real if drive.driver.policy == against]:
             return named[0]
-        known = ", ".join(dict.fromkeys(one.driver.policy for one in real))
+        known = ", ".join(dict.fromkeys(drive.driver.policy for drive in real))
         raise SpecError(f"--against {against}: no such policy drove with real pictures here; there are {known}")
-    constants = [one for one in real if one.driver.policy.startswith(CONSTANT)]
+    constants = [drive for drive in real if drive.driver.policy.startswith(CONSTANT)]
 
     def worth(one: Drives) -> tuple[float, bool]:
         """Return the mean reward, and whether it is the mildest brake, preferred among aliases."""
@@ -260,5 +260,5 @@ def against(
     drives: Sequence[Drives], reference: Drives, outcomes: SuccessCriteria, *, resamples: int = 5000
 ) -> list[PairedDifference]:
     """Return each other driver less the reference in the same worlds, by Holm over all tests."""
-    others = [one for one in drives if one is not reference]
-    return corrected([paired(one, reference, outcomes, resamples=resamples) for one in others])
+    others = [drive for drive in drives if drive is not reference]
+    return corrected([paired(drive, reference, outcomes, resamples=resamples) for drive in others])

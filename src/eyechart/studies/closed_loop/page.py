@@ -31,7 +31,7 @@ from eyechart.studies.closed_loop.tables import (
     served_words,
     unfinished_words,
 )
-from eyechart.studies.closed_loop.visual_dependence import by_sight, named, told_of
+from eyechart.studies.closed_loop.visual_dependence import blind_comparisons, comparison_words, named
 from eyechart.verdicts.labels import SIGHT
 
 MOST_ROWS = 40
@@ -55,7 +55,7 @@ def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
     """Return the figures by section; a section without data has none."""
     blind = {f"{named(one, score)} less {one.condition}": one for one in score.blind[:MOST_ROWS]}
     with style():
-        rungs = sorted(score.ladder, key=lambda one: (one.driver.simulator, -(one.statistics["reward"].value or 0.0)))
+        rungs = sorted(score.ladder, key=lambda row: (row.driver.simulator, -(row.statistics["reward"].value or 0.0)))
         return {
             "ladder": [_dots(rungs[:MOST_ROWS], name) for name in _BEST] if rungs else [],
             "blind": [_paired(blind, name) for name in _DRAWN] if blind else [],
@@ -64,7 +64,7 @@ def drives_figures(score: ClosedLoopScore) -> dict[str, list[Drawing]]:
 
 
 def _dots(rungs: Sequence[LadderRow], name: str, across: float = WIDE) -> Drawing:
-    form, found = MEASURES[name], [(one.driver, one.statistics[name]) for one in rungs]
+    form, found = MEASURES[name], [(rung.driver, rung.statistics[name]) for rung in rungs]
     rows = [(who.label, one, BLUE, who.policy.startswith("constant:")) for who, one in found]
     title = NAMES[name] if form.scale == 1.0 else f"{NAMES[name]} (%)"
     figure = dots(rows, f"{title}; {_BEST[name]}", form.scale, across=across)
@@ -73,11 +73,11 @@ def _dots(rungs: Sequence[LadderRow], name: str, across: float = WIDE) -> Drawin
     return Drawing(f"ladder-{name}", f"The ladder: {title}", says, figure)
 
 
-def _paired(found: Mapping[str, BlindBaseline], name: str, across: float = WIDE) -> Drawing:
+def _paired(baselines: Mapping[str, BlindBaseline], name: str, across: float = WIDE) -> Drawing:
     form, rows, told = SIGNED[name], [], []
-    for label, one in found.items():
-        value = one.paired.differences[name]
-        differs = name in one.paired.changed
+    for label, baseline in baselines.items():
+        value = baseline.paired.differences[name]
+        differs = name in baseline.paired.changed
         rows.append((label, value, BLUE if differs else MUTED, not differs))
         told.append(f"{label}: {form.shown(value)}{', significant' if differs else ''}")
     what = NAMES[name].partition(" (")[0]
@@ -115,35 +115,35 @@ _ANSWERS = {
 
 def opening(score: ClosedLoopScore) -> PageSummary:
     """Return the opening of a page of drives: which drive by sight, and the best by score."""
-    told = by_sight(score)
+    told = blind_comparisons(score)
     said = [
-        VerdictSummary(who, one.label.says, one.label.family, shows, why, "blind")
-        for who, one in told.items()
-        for shows, why in [told_of(one)]
+        VerdictSummary(who, baseline.label.says, baseline.label.family, shows, why, "blind")
+        for who, baseline in told.items()
+        for shows, why in [comparison_words(baseline)]
     ]
     if not told:
         sentence = "Driving by sight was not tested: no driver drove the same worlds with other pictures too."
     else:
         sentence = parted(said, _ANSWERS, "drivers that were shown other pictures too")
-    others = "shuffled ones" if all(one.of_camera for one in told.values()) else "others"
+    others = "shuffled ones" if all(baseline.of_camera for baseline in told.values()) else "others"
     caption = f"Real pictures less {others}; right of the line: better with real ones. Filled: significant."
     return PageSummary(
         f"{sentence} {' '.join(_best(score))}".strip(), said, figure=sight(score, told), caption=caption if told else ""
     )
 
 
-def _found(one: BlindBaseline) -> str:
+def _found(baseline: BlindBaseline) -> str:
     """Return the finding of a comparison in words, with the subject of a difference."""
-    what = one.asks if one.of_pictures else "the timing of its actions matters"
-    return f"differs: {what}" if one.finding == DIFFERS else SIGHT[one.finding].says
+    what = baseline.asks if baseline.of_pictures else "the timing of its actions matters"
+    return f"differs: {what}" if baseline.finding == DIFFERS else SIGHT[baseline.finding].says
 
 
 def _best(score: ClosedLoopScore) -> list[str]:
     """Return the best driver by reward in each simulator, in words, and whether it is blind."""
-    found = []
+    result = []
     for simulator in score.simulators:
-        rungs = [one for one in score.ladder if one.driver.simulator == simulator]
-        best = max(rungs, key=lambda one: one.statistics["reward"].value or 0.0, default=None)
+        rungs = [row for row in score.ladder if row.driver.simulator == simulator]
+        best = max(rungs, key=lambda rung: rung.statistics["reward"].value or 0.0, default=None)
         if best is None or best.statistics["reward"].value is None:
             continue
         blind = best.driver.policy.startswith((CONSTANT, MARGINAL)) or best.driver.policy == "random"
@@ -151,26 +151,26 @@ def _best(score: ClosedLoopScore) -> list[str]:
         reward = MEASURES["reward"].shown(best.statistics["reward"])
         sees = ", which sees nothing" if blind else ""
         n = best.statistics["reward"].n
-        found.append(f"By score{where} {best.driver.label} comes first, reward {reward} over {n} episodes{sees}.")
-    return found
+        result.append(f"By score{where} {best.driver.label} comes first, reward {reward} over {n} episodes{sees}.")
+    return result
 
 
-def sight(score: ClosedLoopScore, told: Mapping[str, BlindBaseline]) -> Drawing | None:
+def sight(score: ClosedLoopScore, baselines: Mapping[str, BlindBaseline]) -> Drawing | None:
     """Draw real pictures less others by driver; without such drives, the drivers by score."""
     for name in ("reward", "distance_m", "success_rate", "crash_rate"):
-        if (found := sight_of(told, name)) is not None:
-            return found
+        if (drawing := sight_of(baselines, name)) is not None:
+            return drawing
     with style():
-        rungs = sorted(score.ladder, key=lambda one: -(one.statistics["reward"].value or 0.0))
+        rungs = sorted(score.ladder, key=lambda row: -(row.statistics["reward"].value or 0.0))
         return replace(_dots(rungs[:_SIGHTED], "reward", HEAD), name="in-short") if rungs else None
 
 
-def sight_of(told: Mapping[str, BlindBaseline], name: str) -> Drawing | None:
+def sight_of(baselines: Mapping[str, BlindBaseline], name: str) -> Drawing | None:
     """Draw real pictures less others in one measure, by driver; None where no value is known."""
-    if not any(one.paired.differences[name].value is not None for one in told.values()):
+    if not any(baseline.paired.differences[name].value is not None for baseline in baselines.values()):
         return None
     with style():
-        return replace(_paired(dict(list(told.items())[:_SIGHTED]), name, HEAD), name="in-short")
+        return replace(_paired(dict(list(baselines.items())[:_SIGHTED]), name, HEAD), name="in-short")
 
 
 @dataclass(frozen=True)
@@ -214,16 +214,18 @@ def make_drives_page(
         answer=first.answer if first else opening(score),
         first=first.section if first else None,
         score=score,
-        episodes=sum(len(one.episodes) for one in score.drives),
+        episodes=sum(len(drive.episodes) for drive in score.drives),
         unfinished=unfinished_words(score.unfinished),
         served=served_words(score.served),
-        errors=[(one.driver.label, episode) for one in score.drives for episode in one.errors],
-        references=[one.label for one in score.references.values()],
+        errors=[(drive.driver.label, episode) for drive in score.drives for episode in drive.errors],
+        references=[reference.label for reference in score.references.values()],
         figures=drawn,
         ladder=ladder_table(score.ladder, score.references),
         paper=paper_table(beside) if beside else None,
         paper_words=paper_words(beside, score.ladder) if beside else [],
-        paired=[replace(one, note="") for one in reference_tables(score)] if score.paired else [],  # the page has it
+        paired=[replace(reference_table, note="") for reference_table in reference_tables(score)]
+        if score.paired
+        else [],  # the page has it
         blind=[(one, one.label.family, _found(one)) for one in score.blind],
         blind_table=blind_table(score.blind),
         audit=degeneracy_table(score.audit),

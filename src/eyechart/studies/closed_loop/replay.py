@@ -34,7 +34,7 @@ def episode_id(episode: Episode) -> str:
 
 def find_episode(drives: Sequence[Drives], wanted: str) -> tuple[Drives, Episode]:
     """Return the episode of an id, or of enough words of it; raises SpecError otherwise."""
-    every = [(one, episode) for one in drives for episode in (*one.episodes, *one.errors)]
+    every = [(drive, episode) for drive in drives for episode in (*drive.episodes, *drive.errors)]
     exact = [pair for pair in every if episode_id(pair[1]) == wanted.strip()]
     words = set(wanted.split())
     named = [

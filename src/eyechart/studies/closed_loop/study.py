@@ -13,7 +13,7 @@ from eyechart.integrity import ServedChecks, ServedGuard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
-from eyechart.records import picked, plain
+from eyechart.records import plain, to_json_fields
 from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import ModelStatistics
 from eyechart.studies import NO_VERDICT, ModelSummary, ReadOptions, RunCosts, S, Study, StudyReport, Tell, is_episodes
@@ -24,8 +24,8 @@ from eyechart.studies.closed_loop.identical_drives import (
     SUSPECT,
     IdenticalEpisodes,
     RepeatedRequests,
+    identical_groups,
     repeated_requests,
-    twins,
 )
 from eyechart.studies.closed_loop.ladder import (
     LadderRow,
@@ -78,11 +78,11 @@ class ClosedLoopScore:
     @property
     def simulators(self) -> tuple[str, ...]:
         """Return the simulators of the drives, in order of appearance."""
-        return tuple(dict.fromkeys(one.driver.simulator for one in self.drives))
+        return tuple(dict.fromkeys(drive.driver.simulator for drive in self.drives))
 
     def of(self, simulator: str) -> tuple[Drives, ...]:
         """Return the drivers of one simulator."""
-        return tuple(one for one in self.drives if one.driver.simulator == simulator)
+        return tuple(drive for drive in self.drives if drive.driver.simulator == simulator)
 
     @cached_property
     def outcomes(self) -> SuccessCriteria:
@@ -92,7 +92,7 @@ class ClosedLoopScore:
     @cached_property
     def ladder(self) -> tuple[LadderRow, ...]:
         """Return a row per driver."""
-        return tuple(rung(one, self.outcomes) for one in self.drives)
+        return tuple(rung(drive, self.outcomes) for drive in self.drives)
 
     @cached_property
     def references(self) -> Mapping[str, Driver]:
@@ -108,7 +108,7 @@ class ClosedLoopScore:
     @cached_property
     def paired(self) -> tuple[PairedDifference, ...]:
         """Return each other driver less the reference, Holm over a simulator's tests."""
-        by_driver = {one.driver: one for one in self.drives}
+        by_driver = {drive.driver: drive for drive in self.drives}
         pairs = ((self.of(name), by_driver[driver]) for name, driver in self.references.items())
         return tuple(one for pair in pairs for one in against(*pair, self.outcomes, resamples=self.resamples))
 
@@ -129,17 +129,17 @@ class ClosedLoopScore:
     @cached_property
     def replays(self) -> tuple[ReplayComparison, ...]:
         """Return the replay of each driver by each scripted controller."""
-        return tuple(found for one in self.drives for found in replays(one, resamples=self.resamples))
+        return tuple(found for drive in self.drives for found in replays(drive, resamples=self.resamples))
 
     @cached_property
     def twins(self) -> tuple[IdenticalEpisodes, ...]:
         """Return the drivers with identical drives."""
-        return tuple(twins(self.drives))
+        return tuple(identical_groups(self.drives))
 
     @cached_property
     def repeats(self) -> tuple[RepeatedRequests, ...]:
         """Return the comparison of each driver's repeated requests."""
-        return tuple(found for one in self.drives if (found := repeated_requests(one)) is not None)
+        return tuple(found for drive in self.drives if (found := repeated_requests(drive)) is not None)
 
     def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the audit of every model."""
@@ -149,15 +149,15 @@ class ClosedLoopScore:
     @property
     def suspect(self) -> bool:
         """Return whether anything points to a cache."""
-        return any(one.kind == SUSPECT for one in self.twins) or any(one.suspect for one in self.repeats)
+        return any(twin.kind == SUSPECT for twin in self.twins) or any(repeat.suspect for repeat in self.repeats)
 
     def as_dict(self) -> dict[str, object]:
         """Return every number as plain JSON values."""
         return {
             "study": "closed_loop",
-            "references": {name: one.policy for name, one in self.references.items()},
+            "references": {name: reference.policy for name, reference in self.references.items()},
             "references_chosen_on_these_data": self.against_policy is None,
-            **picked(self, "ladder paired blind"),
+            **to_json_fields(self, "ladder paired blind"),
             **self.audit_dict(),
             "served": plain(self.served),
             "unfinished": [{"run": run, **one.as_dict()} for run, left in self.unfinished.items() for one in left],
@@ -165,7 +165,7 @@ class ClosedLoopScore:
 
     def audit_dict(self) -> dict[str, object]:
         """Return the audit's part as plain JSON values."""
-        return picked(self, "audit replays identical=twins repeated_requests=repeats")
+        return to_json_fields(self, "audit replays identical=twins repeated_requests=repeats")
 
 
 def score(
@@ -182,23 +182,23 @@ def score(
 def unfinished_of(path: Path) -> tuple[UnfinishedEpisodes, ...]:
     """Return a run's planned episodes without a record, by policy, with the reason."""
     manifest = read_manifest(path)
-    over = {one.key for one in read_episodes(path)}
+    over = {episode.key for episode in read_episodes(path)}
     return tuple(unfinished(path, [key for key in every_episode(manifest) if key not in over], manifest.models))
 
 
 def served_of(path: Path) -> dict[str, ServedGuard]:
     """Return the failed guards of models that several models, providers or fingerprints served."""
-    found: dict[str, ServedGuard] = {}
+    guards: dict[str, ServedGuard] = {}
     with Ledger(path / LEDGER, absent=True) as ledger:
         manifest = read_manifest(path)
         for spec in manifest.models:
             checks = ServedChecks(manifest.mode(spec))
-            for one in ledger.attempts(spec):
-                checks.add(one)
+            for attempt in ledger.attempts(spec):
+                checks.add(attempt)
             for guard in checks.guards():
                 if not guard.holds:
-                    found[spec] = guard
-    return found
+                    guards[spec] = guard
+    return guards
 
 
 if TYPE_CHECKING:
@@ -230,16 +230,16 @@ class EpisodeStudy(Study[S]):
 
     def took_run(self, run: Path, prices: Prices) -> RunCosts:
         manifest, space = self.asked(run)
-        found = RunCosts(probes=dict(manifest.probes))
+        runcosts = RunCosts(probes=dict(manifest.probes))
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
                     book, served = Book(manifest.mode(spec), space, prices), ServedChecks(manifest.mode(spec))
-                    for one in ledger.attempts(spec):
-                        book.add(one)
-                        served.add(one)
-                    found.accounts[spec], found.guards[spec] = book.accounts(), served.guards()
-        return found
+                    for attempt in ledger.attempts(spec):
+                        book.add(attempt)
+                        served.add(attempt)
+                    runcosts.accounts[spec], runcosts.guards[spec] = book.accounts(), served.guards()
+        return runcosts
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         del banks
@@ -277,7 +277,7 @@ class ClosedLoop(EpisodeStudy[ClosedLoopScore]):
     def findings(self, score: ClosedLoopScore) -> Mapping[str, ModelSummary]:
         from eyechart.studies.closed_loop.visual_dependence import findings
 
-        asked = dict.fromkeys((one.driver.policy for one in score.drives if one.asked), NO_VERDICT)
+        asked = dict.fromkeys((drive.driver.policy for drive in score.drives if drive.asked), NO_VERDICT)
         return {**asked, **findings(score)}
 
     def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[ClosedLoopScore, StudyReport]:
@@ -300,10 +300,10 @@ class ClosedLoop(EpisodeStudy[ClosedLoopScore]):
         self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell
     ) -> "Iterator[Table | Drawing]":
         from eyechart.studies.closed_loop.page import information
-        from eyechart.studies.closed_loop.tables import audited, paper_tables
+        from eyechart.studies.closed_loop.tables import degeneracy_audit, paper_tables
 
         del banks
         tell("scoring")
         scored = score(runs, against_policy=reading.against)
         yield from paper_tables(scored)
-        yield from (one.labelled("fgr:mi") for one in information(audited(scored)))
+        yield from (drawing.labelled("fgr:mi") for drawing in information(degeneracy_audit(scored)))

@@ -57,9 +57,11 @@ class PaperComparison:
 def beside_paper(rungs: Sequence[LadderRow]) -> list[PaperComparison]:
     """Return the rows that the paper's table has too: real pictures in highway, in its order."""
     mine = {
-        one.driver.policy: one for one in rungs if (one.driver.simulator, one.driver.condition) == (SIMULATOR, "real")
+        rung.driver.policy: rung
+        for rung in rungs
+        if (rung.driver.simulator, rung.driver.condition) == (SIMULATOR, "real")
     }
-    found = []
+    result = []
     for policy, row in PUBLISHED.items():
         if policy in mine:
             values = {name: mine[policy].statistics[name].value for name in row}
@@ -68,8 +70,8 @@ def beside_paper(rungs: Sequence[LadderRow]) -> list[PaperComparison]:
                 for name, value in values.items()
                 if value is not None
             }
-            found.append(PaperComparison(mine[policy], differences))
-    return found
+            result.append(PaperComparison(mine[policy], differences))
+    return result
 
 
 def unlike(rows: Sequence[PaperComparison]) -> str:
@@ -85,7 +87,9 @@ def leads(rungs: Sequence[LadderRow]) -> dict[str, list[str]]:
     """Return the best drivers by distance, reward and crash rate; several where they are equal."""
     best: dict[str, list[str]] = {}
     for name, sign in (("distance_m", 1), ("reward", 1), ("crash_rate", -1)):
-        values = {one.driver.label: sign * value for one in rungs if (value := one.statistics[name].value) is not None}
+        values = {
+            rung.driver.label: sign * value for rung in rungs if (value := rung.statistics[name].value) is not None
+        }
         best[name] = [label for label, value in values.items() if value == max(values.values())]
     return best
 
@@ -98,8 +102,8 @@ MEASURES = {
     "success_rate": Column("success", "estimate", 1, 100, "%"),
 }
 """The columns of the ladder."""
-NAMES = {name: one.name for name, one in MEASURES.items()}
-SIGNED = {name: replace(one, signed=True) for name, one in MEASURES.items()}
+NAMES = {name: measure.name for name, measure in MEASURES.items()}
+SIGNED = {name: replace(measure, signed=True) for name, measure in MEASURES.items()}
 DIFFERENCES = (
     Column("worlds", "count"),
     *(each for one in SIGNED.values() for each in (one, Column(f"p {one.name.partition(' (')[0]}", "p"))),
@@ -131,8 +135,12 @@ def long_tables(score: ClosedLoopScore) -> tuple[Table, ...]:
     beware = f" (beware: {score.caveat})" if score.caveat else ""
     paired = f"Differences in the same worlds: from the reference{beware}, and real pictures less others"
     head = (*_WHO, Column("statistic"), *STATISTIC)
-    ladder = ((one.driver, name, each, each.method) for one in score.ladder for name, each in one.statistics.items())
-    audit = ((one.driver, name, each, each.note) for one in score.audit for name, each in one.statistics.items())
+    ladder = ((row.driver, name, each, each.method) for row in score.ladder for name, each in row.statistics.items())
+    audit = (
+        (degeneracy.driver, name, each, each.note)
+        for degeneracy in score.audit
+        for name, each in degeneracy.statistics.items()
+    )
     return (
         Table("ladder", "The ladder (Table t:baselines), row by row", (*head, Column("method")), _numbers(ladder)),
         differences_table(every, paired),
@@ -159,12 +167,12 @@ def ladder_table(rungs: Sequence[LadderRow], references: Mapping[str, Driver]) -
     """Return one row per driver, the best by reward first; the reference is marked."""
     note = "[ ] exact 95 % interval of a rate (Clopper-Pearson); means have none. * the reference of the others"
     rows = []
-    for one in sorted(rungs, key=lambda each: (each.driver.simulator, -(each.statistics["reward"].value or 0.0))):
-        star = "*" if references.get(one.driver.simulator) == one.driver else ""
-        errors = f" + {one.errors} in error" if one.errors else ""
-        n = one.statistics["reward"].n
-        who = (one.driver.simulator, Mark(one.driver.label, "", star), f"{n}{errors}" if errors else n)
-        rows.append((*who, *(one.statistics[name] for name in MEASURES)))
+    for rung in sorted(rungs, key=lambda each: (each.driver.simulator, -(each.statistics["reward"].value or 0.0))):
+        star = "*" if references.get(rung.driver.simulator) == rung.driver else ""
+        errors = f" + {rung.errors} in error" if rung.errors else ""
+        n = rung.statistics["reward"].n
+        who = (rung.driver.simulator, Mark(rung.driver.label, "", star), f"{n}{errors}" if errors else n)
+        rows.append((*who, *(rung.statistics[name] for name in MEASURES)))
     named = (_SIMULATOR, Column("policy"), Column("n", "count"), *MEASURES.values())
     return Table("ladder_summary", "The ladder, best reward first", named, tuple(rows), note)
 
@@ -189,33 +197,35 @@ def paper_table(rows: Sequence[PaperComparison]) -> Table:
 
 def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
     """Yield Tables t:baselines and t:degeneracy in the paper's form, its own rows, and replay."""
-    rungs = [one for one in score.ladder if (one.driver.simulator, one.driver.condition) == (SIMULATOR, "real")]
+    rungs = [row for row in score.ladder if (row.driver.simulator, row.driver.condition) == (SIMULATOR, "real")]
     if rungs:
         yield baselines_table(rungs)
     if beside := beside_paper(score.ladder):
         yield replace(paper_table(beside), name="baselines-beside", note=unlike(beside))
-    if rows := audited(score):
+    if rows := degeneracy_audit(score):
         yield audited_table(rows)
     if score.replays:
         yield complete_replay_table(score.replays)
 
 
-def audited(score: ClosedLoopScore) -> list[Degeneracy]:
+def degeneracy_audit(score: ClosedLoopScore) -> list[Degeneracy]:
     """Return the audit of models with real pictures, as in Table t:degeneracy and figure fgr:mi."""
-    asked = {one.driver for one in score.drives if in_table(one)}
-    return [one for one in score.audit if one.driver in asked]
+    asked = {drive.driver for drive in score.drives if in_table(drive)}
+    return [degeneracy for degeneracy in score.audit if degeneracy.driver in asked]
 
 
 def baselines_table(rungs: Sequence[LadderRow]) -> Table:
     """Return Table t:baselines in the paper's form, a row per policy, longest distance first."""
     names = ("distance_m", "reward", "speed_mps", "crash_rate")
-    far = sorted(rungs, key=lambda one: -(one.statistics["distance_m"].value or 0.0))
+    far = sorted(rungs, key=lambda rung: -(rung.statistics["distance_m"].value or 0.0))
     rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (one.driver.label, *(one.statistics[name] for name in names)) for one in far
+        (rung.driver.label, *(rung.statistics[name] for name in names)) for rung in far
     )
     forms = (replace(MEASURES[name], beside="") for name in names)
-    made = Table("", "Closed-loop baseline ladder", (Column("policy"), *forms), rows)
-    return made.counted([one.statistics["reward"].n for one in far], "episodes", "per policy").labelled("t:baselines")
+    table = Table("", "Closed-loop baseline ladder", (Column("policy"), *forms), rows)
+    return table.counted([rung.statistics["reward"].n for rung in far], "episodes", "per policy").labelled(
+        "t:baselines"
+    )
 
 
 def audited_table(rows: Sequence[Degeneracy]) -> Table:
@@ -242,7 +252,7 @@ def audited_table(rows: Sequence[Degeneracy]) -> Table:
 def paper_words(rows: Sequence[PaperComparison], rungs: Sequence[LadderRow]) -> list[str]:
     """Return in words the best policies, and the rows that differ from the paper's."""
     words = [unlike(rows)] if unlike(rows) else []
-    real = [one for one in rungs if one.driver.condition == "real"]
+    real = [rung for rung in rungs if rung.driver.condition == "real"]
     best = {NAMES[name]: " and ".join(who) for name, who in leads(real).items()}
     if best:
         words.append("best: " + "; ".join(f"{name} {who}" for name, who in best.items()))
@@ -264,9 +274,9 @@ def unfinished_words(found: Mapping[str, Sequence[UnfinishedEpisodes]]) -> list[
     return [f"{f'{run} · ' if run else ''}{one.policy}: {one.words}" for run, left in found.items() for one in left]
 
 
-def served_words(found: Mapping[str, ServedGuard]) -> list[str]:
+def served_words(guards: Mapping[str, ServedGuard]) -> list[str]:
     """Return a line per model that several models answered for: its numbers belong to no one."""
-    named = (replace(one, because=f"{who}: {one.because}") for who, one in found.items())
+    named = (replace(guard, because=f"{who}: {guard.because}") for who, guard in guards.items())
     return [f"{one.mark}; none of its numbers belongs to one model" for one in named]
 
 
@@ -300,10 +310,10 @@ def blind_table(found: Sequence[BlindBaseline]) -> Table:
     return Table("blind", "Real pictures less others, same worlds", named, rows, "p after Holm")
 
 
-def difference_cells(one: PairedDifference) -> tuple[Cell, ...]:
+def difference_cells(difference: PairedDifference) -> tuple[Cell, ...]:
     """Return each difference in the same worlds, with p after Holm."""
-    each = [(one.differences[name], one.holm.get(name)) for name in MEASURES]
-    return one.worlds, *(cell for pair in each for cell in pair)
+    each = [(difference.differences[name], difference.holm.get(name)) for name in MEASURES]
+    return difference.worlds, *(cell for pair in each for cell in pair)
 
 
 def degeneracy_table(rows: Sequence[Degeneracy]) -> Table:
@@ -363,16 +373,18 @@ def replay_table(found: Sequence[ReplayComparison]) -> Table:
     """Return one row per driver and controller: agreement, the best constant's, random order's."""
     rows = tuple(
         (
-            one.driver.simulator,
-            one.driver.label,
-            one.controller,
-            one.agreement.n,
-            one.agreement,
-            None if one.best_constant is None else f"{one.best_constant[0]} {one.best_constant[1]:.3f}",
-            one.shuffled,
-            one.shuffled.p,
+            comparison.driver.simulator,
+            comparison.driver.label,
+            comparison.controller,
+            comparison.agreement.n,
+            comparison.agreement,
+            None
+            if comparison.best_constant is None
+            else f"{comparison.best_constant[0]} {comparison.best_constant[1]:.3f}",
+            comparison.shuffled,
+            comparison.shuffled.p,
         )
-        for one in found
+        for comparison in found
     )
     named = (
         _SIMULATOR,
@@ -387,16 +399,16 @@ def replay_table(found: Sequence[ReplayComparison]) -> Table:
     return Table("replay", "Decision-level replay: agreement with a scripted controller", named, rows)
 
 
-def complete_replay_table(found: Sequence[ReplayComparison]) -> Table:
+def complete_replay_table(comparisons: Sequence[ReplayComparison]) -> Table:
     """Return the complete replay table, as the paper releases it, with all constants."""
-    actions = list(dict.fromkeys(name for one in found for name in one.constants))
+    actions = list(dict.fromkeys(name for comparison in comparisons for name in comparison.constants))
     rows = tuple(
         (
-            *(one.driver.simulator, one.driver.label, one.controller, one.agreement),
-            *(one.constants.get(name) for name in actions),
-            *(one.shuffled, one.shuffled.p),
+            *(comparison.driver.simulator, comparison.driver.label, comparison.controller, comparison.agreement),
+            *(comparison.constants.get(name) for name in actions),
+            *(comparison.shuffled, comparison.shuffled.p),
         )
-        for one in found
+        for comparison in comparisons
     )
     named = (
         *(_SIMULATOR, Column("model"), Column("controller", "word")),
@@ -430,8 +442,8 @@ def audit_printed(score: ClosedLoopScore, *, twins: bool = False) -> Iterator[Ta
 
 def _twins_printed(score: ClosedLoopScore) -> Iterator[str]:
     """Yield the drivers with identical drives, and the repeated requests."""
-    for one in score.twins:
-        names = ", ".join(driver.label for driver in one.drivers)
-        yield f"{one.kind}: {names}: identical in {one.same} of {one.worlds} worlds: {one.words}"
+    for twin in score.twins:
+        names = ", ".join(driver.label for driver in twin.drivers)
+        yield f"{twin.kind}: {names}: identical in {twin.same} of {twin.worlds} worlds: {twin.words}"
     for two in score.repeats:
         yield f"{'suspect caching: ' if two.suspect else ''}{two.driver.label}: {two.words}"

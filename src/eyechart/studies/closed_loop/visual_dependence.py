@@ -5,18 +5,18 @@ from eyechart.studies.closed_loop import ClosedLoopScore
 from eyechart.studies.closed_loop.blind_baseline import CANNOT_SAY, NO_DIFFERENCE, SAME, BlindBaseline, bounds
 
 
-def by_sight(score: ClosedLoopScore) -> dict[str, BlindBaseline]:
+def blind_comparisons(score: ClosedLoopScore) -> dict[str, BlindBaseline]:
     """Return the strictest comparison of each driver with other pictures in the same worlds.
 
     Where models drove, only they count, and not the scripted policies beside them.
     """
-    told: dict[str, BlindBaseline] = {}
-    asked = {one.driver.label for one in score.drives if one.asked}
+    baselines: dict[str, BlindBaseline] = {}
+    asked = {drive.driver.label for drive in score.drives if drive.asked}
     for one in (one for one in score.blind if one.of_pictures and (not asked or one.driver.label in asked)):
         who = named(one, score)
-        if who not in told or (one.of_camera and not told[who].of_camera):
-            told[who] = one
-    return told
+        if who not in baselines or (one.of_camera and not baselines[who].of_camera):
+            baselines[who] = one
+    return baselines
 
 
 def named(one: BlindBaseline, score: ClosedLoopScore) -> str:
@@ -24,7 +24,7 @@ def named(one: BlindBaseline, score: ClosedLoopScore) -> str:
     return f"{one.driver.label} in {one.driver.simulator}" if len(score.simulators) > 1 else one.driver.label
 
 
-def told_of(one: BlindBaseline, measure: str = "reward") -> tuple[str, str]:
+def comparison_words(one: BlindBaseline, measure: str = "reward") -> tuple[str, str]:
     """Return what a comparison shows of a driver, and why it shows no more; either may be empty."""
     first = one.shows[:1].upper() + one.shows[1:]
     text = f"{first} {one.rest}".strip()
@@ -46,10 +46,12 @@ def findings(score: ClosedLoopScore) -> dict[str, ModelSummary]:
     """Return whether each driver drives by sight, by the measure that differs most surely."""
     lacking = {one.policy: one.words for many in score.unfinished.values() for one in many}
     served = {spec.partition(" in ")[0]: guard for spec, guard in score.served.items()}
-    found: dict[str, ModelSummary] = {}
-    for one in by_sight(score).values():
-        spec, name, label = one.driver.policy, one.decisive, one.label
+    summaries: dict[str, ModelSummary] = {}
+    for blind_comparison in blind_comparisons(score).values():
+        spec, name, label = blind_comparison.driver.policy, blind_comparison.decisive, blind_comparison.label
         marks = [served[spec].mark] if spec in served else []
-        by, state = f"{name}, real less {one.condition}", lacking.get(spec, "")
-        found.setdefault(spec, ModelSummary(label.says, label.family, by, one.paired.differences[name], state, marks))
-    return found
+        by, state = f"{name}, real less {blind_comparison.condition}", lacking.get(spec, "")
+        summaries.setdefault(
+            spec, ModelSummary(label.says, label.family, by, blind_comparison.paired.differences[name], state, marks)
+        )
+    return summaries

@@ -110,15 +110,15 @@ def _strange(text: str, words: frozenset[str] = frozenset()) -> str:
     return rest[:1]
 
 
-def _within(found: Estimate, close_m: float) -> Vote | None:
+def _within(estimate: Estimate, close_m: float) -> Vote | None:
     """Return why an estimate itself is no vote.
 
     At the threshold itself both answers are allowed, since a number may be rounded.
     """
-    gap_m = found.gap_m
-    if gap_m is not None and gap_m < close_m and not found.close:
+    gap_m = estimate.gap_m
+    if gap_m is not None and gap_m < close_m and not estimate.close:
         return Vote(None, "contradicts_itself", f"{gap_m:g} m and not close, which is below {close_m:g} m")
-    if found.close and (gap_m is None or gap_m > close_m):
+    if estimate.close and (gap_m is None or gap_m > close_m):
         told = "no lead" if gap_m is None else f"{gap_m:g} m"
         return Vote(None, "contradicts_itself", f"{told} and close, which is below {close_m:g} m")
-    return Vote(None, "no_confidence") if found.confidence == 0 else None
+    return Vote(None, "no_confidence") if estimate.confidence == 0 else None

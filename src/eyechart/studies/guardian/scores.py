@@ -12,14 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import GuardianError
-from eyechart.records import picked
+from eyechart.records import to_json_fields
 from eyechart.stats.agreement import binary_metrics, rate, selective_metrics
 from eyechart.stats.committee_votes import ABSTAIN, CLEAR, HAZARD, MISSING, POINTS, CoveragePoint, risk_coverage
 from eyechart.stats.episodes import mean_of_shares, share_over_episodes
 from eyechart.stats.paired_tests import mcnemar_exact
 from eyechart.stats.risk_bounds import conformal_threshold, episodes_needed, mean_bound, ratio_bound, share_bound
 from eyechart.stats.sign_flip import sign_flip_test
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.guardian.frozen import FrozenGuardian, shared_frames
 from eyechart.studies.guardian.votes import VoteTable, answered, require_both
 
@@ -44,11 +44,11 @@ def measure(table: VoteTable, said: Mapping[str, Ints]) -> dict[str, Metrics]:
     return rows
 
 
-def _spread(one: Statistic, over_episodes: Statistic) -> Statistic:
+def _spread(statistic: Statistic, over_episodes: Statistic) -> Statistic:
     """Return a statistic with its interval over episodes."""
-    detail = {**(one.detail or {}), **(over_episodes.detail or {})}
-    note = one.note or over_episodes.note
-    return replace(one, ci=over_episodes.ci, method=over_episodes.method, note=note, detail=detail or None)
+    detail = {**(statistic.detail or {}), **(over_episodes.detail or {})}
+    note = statistic.note or over_episodes.note
+    return replace(statistic, ci=over_episodes.ci, method=over_episodes.method, note=note, detail=detail or None)
 
 
 def _cells(truth: npt.NDArray[np.bool_], answer: Ints) -> dict[str, npt.NDArray[np.bool_]]:
@@ -61,7 +61,7 @@ def _cells(truth: npt.NDArray[np.bool_], answer: Ints) -> dict[str, npt.NDArray[
 
 
 def _metrics(table: VoteTable, answer: Ints) -> dict[str, Statistic]:
-    cells = {name: int(one.sum()) for name, one in _cells(table.hazard, answer).items()}
+    cells = {name: int(cell.sum()) for name, cell in _cells(table.hazard, answer).items()}
     frames = len(table.frames)
     if sum(cells.values()) < frames:
         return selective_metrics(**cells, n=frames)
@@ -135,11 +135,11 @@ class Bound:
                 name: {**one.as_dict(), "estimand": ESTIMANDS[name]}
                 for name, one in zip(ESTIMANDS, bounds, strict=False)
             },
-            **picked(self, "episodes confidence episodes_needed_for_one_percent=needed"),
+            **to_json_fields(self, "episodes confidence episodes_needed_for_one_percent=needed"),
             "episodes_needed_for_one_percent_without_a_miss": self.needed_at_best,
             "conformal_risk_in_expectation_only": {str(place): one for place, one in enumerate(self.conformal, 1)},
             "conformal_estimand": ESTIMANDS["conformal"],
-            **picked(self, "conformal_threshold conformal_risk_wanted=risk scope"),
+            **to_json_fields(self, "conformal_threshold conformal_risk_wanted=risk scope"),
         }
 
 
@@ -188,9 +188,9 @@ def bound(
     where = frozen.about.bank_name or (frozen.about.bank or "")[:8] or "that these votes are of"
     none = "no episode with a hazardous frame"
     return Bound(
-        rate=mean_bound(own, confidence=confidence) if n else cannot_say(none),
-        frame_rate=ratio_bound(missed, hazards, longest, confidence=confidence) if n else cannot_say(none),
-        any_miss=share_bound(misses, n, confidence=confidence) if n else cannot_say(none),
+        rate=mean_bound(own, confidence=confidence) if n else not_available(none),
+        frame_rate=ratio_bound(missed, hazards, longest, confidence=confidence) if n else not_available(none),
+        any_miss=share_bound(misses, n, confidence=confidence) if n else not_available(none),
         episodes=n,
         confidence=confidence,
         needed=episodes_needed(TARGET, misses, confidence=confidence),
@@ -248,17 +248,17 @@ class GuardianScore:
     def as_dict(self) -> dict[str, object]:
         """Return the score as plain JSON values."""
         return {
-            **picked(self.frozen, "guardian=digest committee threshold operating_point=point"),
-            **picked(self.frozen, "best_single_model=selection.single"),
-            "bank": picked(self.frozen.about, "name=bank_name fingerprint=bank"),
+            **to_json_fields(self.frozen, "guardian=digest committee threshold operating_point=point"),
+            **to_json_fields(self.frozen, "best_single_model=selection.single"),
+            "bank": to_json_fields(self.frozen.about, "name=bank_name fingerprint=bank"),
             "frames": len(self.table.frames),
             "episodes": len(set(self.table.episodes)),
-            **picked(self, "rows mcnemar sign_flips_over_episodes=over_episodes"),
+            **to_json_fields(self, "rows mcnemar sign_flips_over_episodes=over_episodes"),
             "risk_coverage": [
                 {"margin": one.margin, "coverage": one.answered / one.frames, "risk": one.wrong / one.answered}
                 for one in self.curve
             ],
-            **picked(self, "answers missed frames_with_missing_votes=incomplete bound warnings"),
+            **to_json_fields(self, "answers missed frames_with_missing_votes=incomplete bound warnings"),
         }
 
 

@@ -258,9 +258,9 @@ def join(tables: Sequence[VoteTable]) -> VoteTable:
 
 def _why(tables: Sequence[VoteTable], models: Sequence[tuple[str, int]]) -> npt.NDArray[np.str_] | None:
     """Return the reasons for missing votes of these models; None if no table is of a run."""
-    if all(one.why is None for one in tables):
+    if all(table.why is None for table in tables):
         return None
-    known = [np.full(one.votes.shape, "", dtype=object) if one.why is None else one.why for one in tables]
+    known = [np.full(table.votes.shape, "", dtype=object) if table.why is None else table.why for table in tables]
     return np.stack([known[table][tables[table].models.index(model)] for model, table in models])
 
 
@@ -284,11 +284,11 @@ def hazards_of(bank: FrameBank, column: str = HAZARD_COLUMN) -> dict[str, bool]:
         return {one.id: hazard_of(one.truth.get(column), f"frame '{one.id}': '{column}'") for one in bank}
     if gap is None or column != HAZARD_COLUMN:
         raise VoteError(f"the bank {bank.name} has no column '{column}' of ground truth, which marks the hazards")
-    found = {}
+    hazards = {}
     for frame in bank:
         value = frame.truth.get(gap.column)
-        found[frame.id] = isinstance(value, int | float) and not isinstance(value, bool) and value < gap.threshold
-    return found
+        hazards[frame.id] = isinstance(value, int | float) and not isinstance(value, bool) and value < gap.threshold
+    return hazards
 
 
 def hazard_of(cell: object, what: str) -> bool:

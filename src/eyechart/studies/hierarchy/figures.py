@@ -99,7 +99,7 @@ def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[st
 def in_order(worlds: Iterable[tuple[str, int]]) -> list[tuple[str, int]]:
     """Return worlds, each a scenario and a seed, in the study's order of scenarios."""
     places = {name: place for place, name in enumerate(FAMILIES)}
-    return sorted(worlds, key=lambda one: (places.get(one[0], len(places)), one))
+    return sorted(worlds, key=lambda world: (places.get(world[0], len(places)), world))
 
 
 def trajectory(drives: Drives, episode: Episode) -> Trajectory:
@@ -267,7 +267,7 @@ def _planner(score: HierarchyScore, ablation: str, planner: str) -> list[SourceS
 
 
 def _group(key: str, ablation: str, title: str, lines: Sequence[SourceStrip]) -> tuple[StripGroup, list[str]]:
-    worlds, notes = paired_worlds([one.drives for one in lines])
+    worlds, notes = paired_worlds([line.drives for line in lines])
     shown = evenly(worlds, MOST_WORLDS)
     if len(shown) < len(worlds):
         notes.append(
@@ -306,7 +306,7 @@ def _road(axes: Axes, world: PairedWorld) -> None:
     axes.hlines((-1.0, 1.0), -2, GOAL_M, colors=LINE, linewidth=0.8, linestyles=(0, (5, 4)))
     axes.vlines(GOAL_M, -ROAD_HALF_M, ROAD_HALF_M, colors=INK, linewidth=1.0)
     for wider, alpha in ((ROVER.radius_m, 0.3), (0.0, None)):
-        discs = [Way.circle((one.x, one.y), one.radius + wider) for one in world.layout.obstacles]
+        discs = [Way.circle((obstacle.x, obstacle.y), obstacle.radius + wider) for obstacle in world.layout.obstacles]
         if discs:
             axes.add_patch(PathPatch(Way.make_compound_path(*discs), facecolor=MUTED, edgecolor="none", alpha=alpha))
     for x, word in ((0, "0"), (25, "25"), (50, "50"), (75, "75"), (GOAL_M, "100 m")):
@@ -363,11 +363,11 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
     rows = of_ablation(score.sources, ablation)[:MOST_ROWS]
     if not rows:
         return None
-    ended = [_ended(score, one) for one in rows]
+    ended = [_ended(score, row) for row in rows]
     every = in_order({world for one in ended for world in one})
     worlds = evenly(every, MOST_COLUMNS)
     with style():
-        labels = [plain(one.name, 34) for one in rows]
+        labels = [plain(row.name, 34) for row in rows]
         left, wide = 0.3 + 0.066 * max(map(len, labels)), min(0.36, 5.4 / len(worlds)) * len(worlds)
         figure, axes = canvas(left + wide + 2.35, 1.2 + _ROW_IN * len(rows), (left, 2.35, 0.65, 0.55))
         _marks(axes, ended, worlds)
@@ -381,7 +381,7 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
             (height - 1.2) / height,
         )
         _shares(figure.add_axes(box), rows)
-    told = "; ".join(f"{label}: {count_of(one.goals)} goals" for label, one in zip(labels, rows, strict=True))
+    told = "; ".join(f"{label}: {count_of(row.goals)} goals" for label, row in zip(labels, rows, strict=True))
     name = "Primary" if ablation == "primary" else "Second"
     title = f"{name} ablation: the outcome of each source in the same {len(every)} worlds"
     says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the time limit. {told}."
@@ -391,7 +391,7 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
 def _ended(score: HierarchyScore, row: IntentSource) -> Mapping[tuple[str, int], str]:
     drives = next(one for one in score.drives[row.part] if one.driver == row.driver)
     every: Sequence[Episode] = (*drives.episodes, *drives.errors)
-    return {(one.key.scenario, one.key.seed): one.ended for one in every}
+    return {(episode.key.scenario, episode.key.seed): episode.ended for episode in every}
 
 
 def _marks(axes: Axes, ended: Sequence[Mapping[tuple[str, int], str]], worlds: Sequence[tuple[str, int]]) -> None:
@@ -429,18 +429,18 @@ def _shares(axes: Axes, rows: Sequence[IntentSource]) -> None:
     axes.set_facecolor("none")
     axes.set_xlim(-4, 104)
     axes.set_ylim(len(rows) - 0.4, -0.6)
-    for y, one in enumerate(rows):
+    for y, row in enumerate(rows):
         axes.axhline(y, color=LINE, linewidth=0.5, zorder=0)
-        paper = PUBLISHED.get(one.name, UNPUBLISHED)
-        if one.goals.ci is not None:
-            axes.plot([100 * end for end in one.goals.ci], [y, y], color=BLUE, linewidth=1.6, zorder=2)
-        if one.goals.value is not None:
-            axes.scatter([100 * one.goals.value], [y], s=26, color=BLUE, zorder=3)
+        paper = PUBLISHED.get(row.name, UNPUBLISHED)
+        if row.goals.ci is not None:
+            axes.plot([100 * end for end in row.goals.ci], [y, y], color=BLUE, linewidth=1.6, zorder=2)
+        if row.goals.value is not None:
+            axes.scatter([100 * row.goals.value], [y], s=26, color=BLUE, zorder=3)
         if paper[0]:
             goals, _, of = paper[0].partition("/")
             at = 100 * int(goals) / int(of)
             axes.scatter([at], [y], 34, marker="D", facecolors=PAPER, edgecolors=INK, linewidths=1.0, zorder=2.5)
-        axes.text(1.06, y, count_of(one.goals), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
+        axes.text(1.06, y, count_of(row.goals), transform=axes.get_yaxis_transform(), va="center", fontsize=8)
     axes.set_yticks([])
     axes.set_xticks([0, 50, 100])
     axes.set_xlabel("goals (%), 95 %\n◇ the paper's", fontsize=8)

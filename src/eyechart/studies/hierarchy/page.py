@@ -84,7 +84,7 @@ def make_hierarchy_page(
         costs=costs,
         notes=notes,
     )
-    drawings: dict[str, list[Drawing]] = {**drawn, "ways": [one for group in ways for one in group.drawings]}
+    drawings: dict[str, list[Drawing]] = {**drawn, "ways": [drawing for group in ways for drawing in group.drawings]}
     return Page(html, drawings, tuple(notes))
 
 
@@ -119,17 +119,17 @@ def _rates(card: Mapping[str, Any]) -> Iterator[str]:
     yield from (f"{CONDITION_NAMES[name]} {goals}" for name, goals, *_ in card["others"])
 
 
-def _control(found: PairedDifference | None) -> dict[str, object] | None:
+def _control(difference: PairedDifference | None) -> dict[str, object] | None:
     """Return the positive control's result: whether this arm tells a side from its mirror image."""
-    if found is None:
+    if difference is None:
         return None
-    goals = found.differences["success_rate"]
+    goals = difference.differences["success_rate"]
     told = goals.value is not None and goals.value > 0 and goals.p is not None and goals.p < LEVEL
     return {
         "points": "—" if goals.value is None else f"{100 * goals.value:+.0f} points",
         "interval": "—" if goals.ci is None else f"{100 * goals.ci[0]:+.0f} to {100 * goals.ci[1]:+.0f}",
         "p": "—" if goals.p is None else f"{goals.p:.2g}",
-        "worlds": found.worlds,
+        "worlds": difference.worlds,
         "tells": told,
     }
 
@@ -137,8 +137,10 @@ def _control(found: PairedDifference | None) -> dict[str, object] | None:
 def _cards(score: HierarchyScore) -> list[dict[str, object]]:
     """Return a card for each planner in each arm: its goals with real and with other pictures."""
     pairs = pairs_of(score)
-    goals = {(one.part, one.driver.policy, one.driver.condition): count_of(one.goals) for one in score.sources}
-    completions = {(one.part, one.policy): one for one in score.completions}
+    goals = {
+        (source.part, source.driver.policy, source.driver.condition): count_of(source.goals) for source in score.sources
+    }
+    completions = {(completion.part, completion.policy): completion for completion in score.completions}
     cards: list[dict[str, object]] = []
     for (part, policy), many in pairs.items():
         label = completions[part, policy].label
@@ -160,6 +162,6 @@ def _cards(score: HierarchyScore) -> list[dict[str, object]]:
     return cards
 
 
-def _goals(one: PairedDifference) -> tuple[str, str]:
-    points = replace(SIGNED["success_rate"], unit="").shown(one.differences["success_rate"])
-    return points, p_value(one.holm.get("success_rate"))
+def _goals(difference: PairedDifference) -> tuple[str, str]:
+    points = replace(SIGNED["success_rate"], unit="").shown(difference.differences["success_rate"])
+    return points, p_value(difference.holm.get("success_rate"))

@@ -117,8 +117,8 @@ class HierarchySelection:
         """Return the runs of a part that this choice keeps, None if none."""
         if self.arms is not None and name.removesuffix(MODELS) not in self.arms:
             return None
-        policies = [one for one in part.policies if self.sources is None or (name, one) in self.sources]
-        worlds = [one for one in part.scenarios if self.worlds is None or one in self.worlds]
+        policies = [policy for policy in part.policies if self.sources is None or (name, policy) in self.sources]
+        worlds = [scenario for scenario in part.scenarios if self.worlds is None or scenario in self.worlds]
         left = replace(part, policies=tuple(policies), scenarios=tuple(worlds))
         return left if worlds and (policies or part.models) else None
 

@@ -11,7 +11,7 @@ import numpy as np
 from eyechart.episodes import Episode, UnfinishedEpisodes, read_episodes
 from eyechart.errors import LedgerError
 from eyechart.integrity import ServedGuard
-from eyechart.records import KeyedRecord, picked
+from eyechart.records import KeyedRecord, to_json_fields
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.statistic import ModelStatistics, Statistic
 from eyechart.studies import is_episodes
@@ -150,7 +150,7 @@ class Completion(KeyedRecord):
     @property
     def sentence(self) -> str:
         """Return the result in a sentence, with the limits of what completion shows."""
-        counts = ", ".join(f"{_WITH[name]} {count_of(one)}" for name, one in self.goals.items())
+        counts = ", ".join(f"{_WITH[name]} {count_of(goal)}" for name, goal in self.goals.items())
         found = "the paired differences exclude zero" if self.shown else NOT_PERCEPTION
         return f"{PARTS[self.part].simulator}, {self.policy}: goals {counts}: {found}."
 
@@ -171,7 +171,7 @@ class HierarchyScore:
     @cached_property
     def outcomes(self) -> SuccessCriteria:
         """Return the definition of success: the goal, without a crash."""
-        return outcomes_of([one for drives in self.drives.values() for one in drives])
+        return outcomes_of([drive for drives in self.drives.values() for drive in drives])
 
     @cached_property
     def sources(self) -> tuple[IntentSource, ...]:
@@ -182,7 +182,7 @@ class HierarchyScore:
     def against_mpc_only(self) -> tuple[PairedDifference, ...]:
         """Return every source of the primary ablation less MPC-only, same worlds, Holm over all."""
         drives = self._of("primary", "primary-models")
-        reference = next((one for one in drives if one.driver.policy == MPC_ONLY), None)
+        reference = next((drive for drive in drives if drive.driver.policy == MPC_ONLY), None)
         return () if reference is None else tuple(against(drives, reference, self.outcomes, resamples=self.resamples))
 
     @cached_property
@@ -199,7 +199,10 @@ class HierarchyScore:
         """Return each model's comparison with itself blind, by part; Holm within a part."""
         found = []
         for part in ("primary-models", "unaware-models", "lateral-models"):
-            found += [(part, one) for one in blind_baselines(self._of(part), self.outcomes, resamples=self.resamples)]
+            found += [
+                (part, blind_baseline)
+                for blind_baseline in blind_baselines(self._of(part), self.outcomes, resamples=self.resamples)
+            ]
         return tuple(found)
 
     @cached_property
@@ -237,15 +240,15 @@ class HierarchyScore:
     def words(self) -> tuple[str, ...]:
         """Return sentences on each model's completion: the conclusions, then each pair."""
         pairs = (f"{PARTS[part].simulator}: {one.sentence}{unless_shown(one)}" for part, one in self.blind)
-        return (*(one.sentence for one in self.completions), *pairs)
+        return (*(completion.sentence for completion in self.completions), *pairs)
 
     def as_dict(self) -> dict[str, object]:
         """Return every number as plain JSON values."""
         return {
             "study": "hierarchy",
-            **picked(self, "sources against_mpc_only oracle_against_its_mirror=oracle_mirrored completions"),
+            **to_json_fields(self, "sources against_mpc_only oracle_against_its_mirror=oracle_mirrored completions"),
             "blind": [{"part": part, **one.as_dict()} for part, one in self.blind],
-            **picked(self, "words served"),
+            **to_json_fields(self, "words served"),
             "unfinished": [{"part": part, **one.as_dict()} for part, many in self.unfinished.items() for one in many],
         }
 
@@ -275,15 +278,15 @@ def score(out: Path, *, resamples: int = 5000) -> HierarchyScore:
     return HierarchyScore(drives, resamples, unfinished, served)
 
 
-def _fewer(one: BlindBaseline | None) -> Statistic:
+def _fewer(baseline: BlindBaseline | None) -> Statistic:
     """Return how many more worlds are completed with real pictures, with its p after Holm.
 
     None if nothing can be concluded: the model never decided under a condition, or calls failed so
     often that the fail-safe may explain the difference.
     """
-    if one is None or one.finding != DIFFERS:
+    if baseline is None or baseline.finding != DIFFERS:
         return Statistic(None, 0)
-    return replace(one.paired.differences["success_rate"], p=one.paired.holm.get("success_rate"))
+    return replace(baseline.paired.differences["success_rate"], p=baseline.paired.holm.get("success_rate"))
 
 
 def shows(one: BlindBaseline) -> bool:
@@ -292,9 +295,9 @@ def shows(one: BlindBaseline) -> bool:
     return all(clause.holds(found) for clause in _FEWER[NEEDED[0]])
 
 
-def unless_shown(one: BlindBaseline) -> str:
+def unless_shown(baseline: BlindBaseline) -> str:
     """Return the caveat if a pair does not show perception, else nothing."""
-    return "" if shows(one) else f" So here {NOT_PERCEPTION}."
+    return "" if shows(baseline) else f" So here {NOT_PERCEPTION}."
 
 
 def _source(part: str, name: str, drives: Drives, outcomes: SuccessCriteria) -> IntentSource:
@@ -302,14 +305,14 @@ def _source(part: str, name: str, drives: Drives, outcomes: SuccessCriteria) -> 
     intents = Counter(step.decision.action for step in steps if step.decision.action is not None)
     silent = Counter(step.error or str(step.decision.missing) for step in steps if step.decision.action is None)
 
-    distance = mean_of_drives([one.distance_m for one in episodes if one.distance_m is not None])
-    stops = np.array([_stops(one) for one in episodes]).reshape(-1, 2)
+    distance = mean_of_drives([episode.distance_m for episode in episodes if episode.distance_m is not None])
+    stops = np.array([_stops(episode) for episode in episodes]).reshape(-1, 2)
     return IntentSource(
         part=part,
         name=name,
         driver=drives.driver,
         goals=exact_rate(sum(map(outcomes.success, episodes)), len(episodes)),
-        crashes=exact_rate(sum(one.crashed for one in episodes), len(episodes)),
+        crashes=exact_rate(sum(episode.crashed for episode in episodes), len(episodes)),
         distance_m=distance,
         stop_share=share_over_episodes(stops[:, 0], stops[:, 1]),
         intents={action: intents[action] for action in drives.space.actions},

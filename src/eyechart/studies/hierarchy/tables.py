@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from eyechart.report.table import Cell, Column, Mark, Table, columns, of_each, stacked
+from eyechart.report.table import Cell, Column, Mark, Table, columns, of_each, stack_tables
 from eyechart.studies.closed_loop import PairedDifference
 from eyechart.studies.closed_loop.tables import DIFFERENCES, difference_cells, differences_table
 from eyechart.studies.hierarchy import Completion, HierarchyScore, IntentSource
@@ -26,7 +26,7 @@ def tables_of(score: HierarchyScore) -> tuple[Table, ...]:
 
 def of_ablation(sources: Sequence[IntentSource], ablation: str) -> list[IntentSource]:
     """Return the sources of one ablation."""
-    return [one for one in sources if one.part.startswith("primary") == (ablation == "primary")]
+    return [source for source in sources if source.part.startswith("primary") == (ablation == "primary")]
 
 
 def source_table(sources: Sequence[IntentSource], ablation: str) -> Table:
@@ -35,11 +35,16 @@ def source_table(sources: Sequence[IntentSource], ablation: str) -> Table:
     Episodes that ended in an error are listed with the name, and count in no rate.
     """
     rows = []
-    for one in of_ablation(sources, ablation):
-        goals, crashes, distance, _ = PUBLISHED.get(one.name, UNPUBLISHED)
-        counts = (count_of(one.goals), one.goals.ci, goals, count_of(one.crashes), one.crashes.ci, crashes)
+    for source in of_ablation(sources, ablation):
+        goals, crashes, distance, _ = PUBLISHED.get(source.name, UNPUBLISHED)
+        counts = (count_of(source.goals), source.goals.ci, goals, count_of(source.crashes), source.crashes.ci, crashes)
         rows.append(
-            (Mark(one.name, "", f"+ {one.errors} in error" if one.errors else ""), *counts, one.distance_m, distance)
+            (
+                Mark(source.name, "", f"+ {source.errors} in error" if source.errors else ""),
+                *counts,
+                source.distance_m,
+                distance,
+            )
         )
     named = (
         Column("intent source"),
@@ -60,11 +65,11 @@ def paper_tables(scores: Mapping[str, HierarchyScore]) -> Iterator[Table]:
         "second": ("", "The second ablation: without the keep-out constraints, but for mpc-oracle"),
     }
     for ablation, (label, caption) in titles.items():
-        mine = {name: of_ablation(one.sources, ablation) for name, one in scores.items()}
+        mine = {name: of_ablation(score.sources, ablation) for name, score in scores.items()}
         found = {name: _as_published(sources) for name, sources in mine.items() if sources}
         if found:
-            n = of_each(one.goals.n for sources in mine.values() for one in sources)
-            made = replace(stacked(found), caption=f"{caption}, {n} paired worlds per source")
+            n = of_each(source.goals.n for sources in mine.values() for source in sources)
+            made = replace(stack_tables(found), caption=f"{caption}, {n} paired worlds per source")
             yield made.labelled(label) if label else replace(made, name="mpc-intent-second")
         for name, one in scores.items():
             if mine[name]:
@@ -89,7 +94,8 @@ def beside_table(sources: Sequence[IntentSource], ablation: str) -> Table:
 def _as_published(sources: Sequence[IntentSource]) -> Table:
     """Return goals, crashes, metres and the share of STOP, in the form of Table t:mpc-intent."""
     rows = tuple(
-        (one.name, count_of(one.goals), count_of(one.crashes), one.distance_m, one.stop_share) for one in sources
+        (source.name, count_of(source.goals), count_of(source.crashes), source.distance_m, source.stop_share)
+        for source in sources
     )
     named = (
         *(Column("intent source"), *columns("count", "goal", "crash")),
@@ -105,16 +111,16 @@ def intent_table(sources: Sequence[IntentSource], ablation: str) -> Table:
     """
     rows = tuple(
         (
-            one.name,
-            one.emitted,
-            one.stop_share,
-            PUBLISHED.get(one.name, UNPUBLISHED)[3],
-            one.fail_safe,
-            one.solver_failures,
-            ", ".join(f"{why} {count}" for why, count in one.no_decision.items()),
-            ", ".join(f"{count} {action}" for action, count in one.intents.items() if count),
+            source.name,
+            source.emitted,
+            source.stop_share,
+            PUBLISHED.get(source.name, UNPUBLISHED)[3],
+            source.fail_safe,
+            source.solver_failures,
+            ", ".join(f"{why} {count}" for why, count in source.no_decision.items()),
+            ", ".join(f"{count} {action}" for action, count in source.intents.items() if count),
         )
-        for one in of_ablation(sources, ablation)
+        for source in of_ablation(sources, ablation)
     )
     named = (
         Column("intent source"),
@@ -131,10 +137,12 @@ def intent_table(sources: Sequence[IntentSource], ablation: str) -> Table:
 def completion_table(completions: Sequence[Completion]) -> Table:
     """Return each model's goals with real and other pictures, and whether that shows perception."""
     rows = []
-    for one in completions:
-        goals = [one.goals.get(name) for name in ("real", "mirrored", "blank", "shuffled")]
-        said = "differs from both" if one.shown else NOT_PERCEPTION
-        rows.append((PARTS[one.part].simulator, one.policy, *(each and count_of(each) for each in goals), said))
+    for completion in completions:
+        goals = [completion.goals.get(name) for name in ("real", "mirrored", "blank", "shuffled")]
+        said = "differs from both" if completion.shown else NOT_PERCEPTION
+        rows.append(
+            (PARTS[completion.part].simulator, completion.policy, *(each and count_of(each) for each in goals), said)
+        )
     named = (Column("arm", "word"), Column("model"), *columns("count", "real", "mirrored", "blank", "shuffled"))
     caption = "Goals of a model with its pictures, and of the same model without"
     return Table("completions", caption, (*named, Column("reads as")), tuple(rows))
@@ -143,10 +151,10 @@ def completion_table(completions: Sequence[Completion]) -> Table:
 def against_table(pairs: Sequence[PairedDifference]) -> Table:
     """Return each source less MPC-only in the same worlds, exact tests, p after Holm."""
     rows = []
-    for one in pairs:
-        goals, distance = (one.differences[name].value for name in ("success_rate", "distance_m"))
-        p, q = (one.holm.get(name) for name in ("success_rate", "distance_m"))
-        rows.append((name_of("primary", one.first), one.worlds, goals, p, distance, q))
+    for pair in pairs:
+        goals, distance = (pair.differences[name].value for name in ("success_rate", "distance_m"))
+        p, q = (pair.holm.get(name) for name in ("success_rate", "distance_m"))
+        rows.append((name_of("primary", pair.first), pair.worlds, goals, p, distance, q))
     named = (
         *(Column("intent source"), Column("worlds", "count")),
         *(Column("goals", "number", 1, 100, " points", signed=True), Column("p goals", "p")),
@@ -182,15 +190,26 @@ def long_tables(score: HierarchyScore) -> tuple[Table, ...]:
     )
     rows: list[tuple[Cell, ...]] = [
         (
-            *(one.name, one.part, one.driver.simulator, one.driver.policy, one.driver.condition, one.goals.n),
-            *(one.goals.value, one.goals.ci, one.crashes.value, one.crashes.ci),
-            *(one.distance_m.value, one.distance_m.ci, one.stop_share.value, one.stop_share.ci),
-            *(one.fail_safe, one.solver_failures, one.errors, *one.intents.values()),
+            *(
+                source.name,
+                source.part,
+                source.driver.simulator,
+                source.driver.policy,
+                source.driver.condition,
+                source.goals.n,
+            ),
+            *(source.goals.value, source.goals.ci, source.crashes.value, source.crashes.ci),
+            *(source.distance_m.value, source.distance_m.ci, source.stop_share.value, source.stop_share.ci),
+            *(source.fail_safe, source.solver_failures, source.errors, *source.intents.values()),
         )
-        for one in score.sources
+        for source in score.sources
     ]
     control = [] if score.oracle_mirrored is None else [(score.oracle_mirrored, "positive control")]
-    pairs = [*((one, "") for one in score.against_mpc_only), *control, *((b.paired, b.finding) for _, b in score.blind)]
+    pairs = [
+        *((difference, "") for difference in score.against_mpc_only),
+        *control,
+        *((b.paired, b.finding) for _, b in score.blind),
+    ]
     caption = "Differences in the same worlds: from MPC-only, the positive control, and real pictures less others"
     return (
         Table("sources", "Sources of intent above the controller (Table t:mpc-intent)", named, tuple(rows)),

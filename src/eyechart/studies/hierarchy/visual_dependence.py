@@ -4,29 +4,29 @@ from collections.abc import Mapping, Sequence
 
 from eyechart.studies import NO_VERDICT, ModelSummary
 from eyechart.studies.closed_loop import DIFFERS, BlindBaseline, bounds
-from eyechart.studies.closed_loop.visual_dependence import told_of
+from eyechart.studies.closed_loop.visual_dependence import comparison_words
 from eyechart.studies.hierarchy.plans import PARTS
 from eyechart.studies.hierarchy.scores import NEEDED, Completion, HierarchyScore, count_of, shows
 
 
 def pairs_of(score: HierarchyScore) -> dict[tuple[str, str], list[BlindBaseline]]:
     """Return each planner's comparisons with other pictures, by part and planner."""
-    found: dict[tuple[str, str], list[BlindBaseline]] = {}
+    pairs: dict[tuple[str, str], list[BlindBaseline]] = {}
     for part, one in score.blind:
-        found.setdefault((part, one.driver.policy), []).append(one)
-    return found
+        pairs.setdefault((part, one.driver.policy), []).append(one)
+    return pairs
 
 
 def why_not(many: Sequence[BlindBaseline]) -> str:
     """Return why sight is not shown for a planner; empty if it is shown."""
-    held = {one.condition: one for one in many}
+    held = {baseline.condition: baseline for baseline in many}
     if lacking := [name for name in NEEDED if name not in held]:
         return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, so nothing can be compared."
     unshown = [held[name] for name in NEEDED if not shows(held[name])]
     if not unshown:
         return ""
     if unshown[0].finding != DIFFERS:
-        return told_of(unshown[0], "success_rate")[1]
+        return comparison_words(unshown[0], "success_rate")[1]
     names = " and ".join(one.condition for one in unshown)
     return (
         f"It drives differently with {names} pictures, but it does not complete significantly fewer worlds: "
@@ -37,22 +37,28 @@ def why_not(many: Sequence[BlindBaseline]) -> str:
 def findings(score: HierarchyScore) -> dict[str, ModelSummary]:
     """Return each planner's finding for an index, over all of its arms: by its pictures, or not."""
     pairs = pairs_of(score)
-    found = dict.fromkeys((one.policy for one in score.completions), NO_VERDICT)
-    for spec in found:
-        mine = [one for one in score.completions if one.policy == spec and (one.part, spec) in pairs]
+    result = dict.fromkeys((completion.policy for completion in score.completions), NO_VERDICT)
+    for spec in result:
+        mine = [
+            completion
+            for completion in score.completions
+            if completion.policy == spec and (completion.part, spec) in pairs
+        ]
         if mine:
-            found[spec] = _finding(score, mine, {one.part: pairs[one.part, spec] for one in mine})
-    return found
+            result[spec] = _finding(score, mine, {completion.part: pairs[completion.part, spec] for completion in mine})
+    return result
 
 
 def _finding(
     score: HierarchyScore, mine: Sequence[Completion], pairs: Mapping[str, Sequence[BlindBaseline]]
 ) -> ModelSummary:
     """Return one planner's finding: the strictest comparison of the arm that shows most."""
-    spec, tones = mine[0].policy, [one.label.family for one in mine]
+    spec, tones = mine[0].policy, [completion.label.family for completion in mine]
     tone = tones[0] if len(set(tones)) == 1 else "partly" if "sees" in tones else "open"
     best = mine[tones.index("sees") if "sees" in tones else 0]
-    least = min(pairs[best.part], key=lambda one: NEEDED.index(one.condition) if one.condition in NEEDED else 9)
+    least = min(
+        pairs[best.part], key=lambda baseline: NEEDED.index(baseline.condition) if baseline.condition in NEEDED else 9
+    )
     by = (
         f"{PARTS[best.part].simulator}, {count_of(best.goals['real'])} goals: success_rate, real less {least.condition}"
     )

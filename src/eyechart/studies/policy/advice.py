@@ -8,7 +8,7 @@ from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, cha
 from eyechart.conditions import OVER
 from eyechart.conditions.policies import conditions_of
 from eyechart.studies.policy.scores import PolicyScore
-from eyechart.verdicts.share_predicates import ALPHA, USED, ShareStatistics, used
+from eyechart.verdicts.share_predicates import ALPHA, USED, ShareStatistics, is_used
 
 
 class Advice(NamedTuple):
@@ -74,14 +74,14 @@ def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice
 def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
     """Yield advice to separate content from pose, for pictures that are used."""
     statistics, lacking = score.models[spec].statistics, conditions_of(score.bank)[1]
-    if channel in {STATE, INSTRUCTION} or not used(statistics.get(f"T.swapped{OVER}{channel}")):
+    if channel in {STATE, INSTRUCTION} or not is_used(statistics.get(f"T.swapped{OVER}{channel}")):
         return
     if any(f"{name}{OVER}{channel}" in lacking for name in BY_STATE):
         yield Advice(
             "add frames with the same robot pose in several episodes: without them the effect of a picture may be "
             "that of the pose"
         )
-    if used(statistics.get(f"T.matched{OVER}{channel}")) and not used(statistics.get(f"beyond{OVER}{channel}")):
+    if is_used(statistics.get(f"T.matched{OVER}{channel}")) and not is_used(statistics.get(f"beyond{OVER}{channel}")):
         yield Advice(
             "add frames with the same robot pose and objects elsewhere, or use a world that moves them: frames like "
             "these may never separate its view from its pose"

@@ -53,7 +53,7 @@ def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[st
     # A missing package must raise its error before a bank is built.
     open_policy(f"trained:{next(iter(TRAINED))}")
     scores: list[PolicyScore] = []
-    found: dict[str, DemoCase] = {}
+    cases: dict[str, DemoCase] = {}
     for preset in PRESETS:
         bank, folder = out / f"bank-{preset}-{seed}", out / f"run-{preset}-{seed}"
         if not bank.exists():
@@ -63,8 +63,8 @@ def make(out: Path, seed: int, watch: Watch) -> tuple[list[PolicyScore], dict[st
         run(plan(bank, specs, folder, seed=seed, extent=PolicySelection(answers=ANSWERS)), progress=watch(preset))
         scored = score(folder)
         scores.append(scored)
-        found |= {spec: shown(spec, verdict) for spec, verdict in judge(scored).items()}
-    return scores, {f"trained:{name}": found[f"trained:{name}"] for name in TRAINED}
+        cases |= {spec: shown(spec, verdict) for spec, verdict in judge(scored).items()}
+    return scores, {f"trained:{name}": cases[f"trained:{name}"] for name in TRAINED}
 
 
 def shown(spec: str, verdict: PolicyVerdict) -> DemoCase:

@@ -38,29 +38,29 @@ from eyechart.stats.risk_bounds import share_bound
 from eyechart.stats.shapley import shapley_values
 from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind
 from eyechart.stats.sign_flip import follow
-from eyechart.stats.statistic import Statistic, cannot_say
+from eyechart.stats.statistic import Statistic, not_available
 from eyechart.stats.total_effect import (
     LEVEL,
     Pairs,
+    dispersion_change,
+    distance_from_log,
     half_products,
-    half_squares,
     held_still,
     misfit_share,
     noise_share,
-    relabelling_p,
+    permutation_p,
     responding,
-    rounded,
-    scattering,
+    rounding_tolerance,
     share_beyond,
     shares_of_parts,
+    squared_distance,
     t_quantile,
     total_effect,
-    unlikeness,
 )
 from eyechart.studies.policy.motions import Floats, Motions
 from eyechart.verdicts.policy_rules import RESPONDS, SURENESS, rests_on
 from eyechart.verdicts.policy_verdict import CONSTANT
-from eyechart.verdicts.share_predicates import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quoted
+from eyechart.verdicts.share_predicates import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quote
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -83,7 +83,7 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     ``shapley.CHANNEL`` exists if the run has every subset of the channels.
     """
     taken = Effects(motions, drawn=drawn, seeded=seeded)
-    found = {
+    statistics = {
         "motions": rate(motions.finished - sum(motions.missing.values()), motions.finished),
         "misfit": taken.misfit(),
         "variation": taken.variation_share(),
@@ -92,22 +92,22 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     }
     for name in motions.plan.conditions:
         if name not in {"real", "real_repeat", "mirrored", *MOVES} and not name.startswith(TOLD):
-            found[f"T.{name}"] = taken.total(name)
+            statistics[f"T.{name}"] = taken.total(name)
     cameras = [name for name in channels_of(motions.plan.bank) if name not in {STATE, INSTRUCTION}]
-    found |= {f"beyond@{name}": taken.beyond(name) for name in cameras if f"T.near@{name}" in found}
-    if motions.plan.motions.kind in PLACES and f"T.swapped{OVER}{STATE}" in found:
-        found[f"reads{OVER}{STATE}"] = taken.reads()
-    found |= {f"swapped.alike@{name}": taken.alike(name) for name in cameras if f"T.matched@{name}" in found}
-    absent = [name for name in channels_of(motions.plan.bank) if f"T.swapped@{name}" in found]
-    found |= {f"{claim}@{name}": taken.responds(name, claim) for name in absent for claim in RESPONDS}
-    found |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
-    found["follow.told"] = taken.told()
-    found["follow.rather"] = taken.follow(OBJECTS)
-    if f"T.swapped{OVER}{INSTRUCTION}" in found:
-        found["follow.logged"] = taken.logged()
-    found["mirror"] = taken.mirror()
-    found |= taken.shapley()
-    return found
+    statistics |= {f"beyond@{name}": taken.beyond(name) for name in cameras if f"T.near@{name}" in statistics}
+    if motions.plan.motions.kind in PLACES and f"T.swapped{OVER}{STATE}" in statistics:
+        statistics[f"reads{OVER}{STATE}"] = taken.reads()
+    statistics |= {f"swapped.alike@{name}": taken.alike(name) for name in cameras if f"T.matched@{name}" in statistics}
+    absent = [name for name in channels_of(motions.plan.bank) if f"T.swapped@{name}" in statistics]
+    statistics |= {f"{claim}@{name}": taken.responds(name, claim) for name in absent for claim in RESPONDS}
+    statistics |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
+    statistics["follow.told"] = taken.told()
+    statistics["follow.rather"] = taken.follow(OBJECTS)
+    if f"T.swapped{OVER}{INSTRUCTION}" in statistics:
+        statistics["follow.logged"] = taken.logged()
+    statistics["mirror"] = taken.mirror()
+    statistics |= taken.shapley()
+    return statistics
 
 
 class Effects:
@@ -125,8 +125,8 @@ class Effects:
     def _whole(self, *arrays: Floats) -> Places:
         """Return the frames on which every answer of all arrays is a motion."""
         good = np.ones(arrays[0].shape[1], dtype=bool)
-        for one in arrays:
-            good &= np.isfinite(one).reshape(len(one), one.shape[1], -1).all(axis=(0, 2))
+        for array in arrays:
+            good &= np.isfinite(array).reshape(len(array), array.shape[1], -1).all(axis=(0, 2))
         return np.flatnonzero(good)
 
     def _others(self) -> tuple[Places, Places]:
@@ -144,7 +144,7 @@ class Effects:
 
     def _variation(self) -> Pairs:
         frames, others = self._others()
-        values = half_squares(self._real[:, frames], self._real[:, others]) if len(frames) else np.zeros(0)
+        values = squared_distance(self._real[:, frames], self._real[:, others]) if len(frames) else np.zeros(0)
         return Pairs(values, self._episodes[frames], self._episodes[others])
 
     def misfit(self) -> Statistic:
@@ -152,16 +152,16 @@ class Effects:
         fit = self._motions.fit_to
         frames = self._whole(self._real[:1], fit[None])
         answers, logged = self._real[0, frames], fit[frames]
-        found = of_kind(LogDistance, misfit_share(answers, logged, self._episodes[frames]))
+        result = of_kind(LogDistance, misfit_share(answers, logged, self._episodes[frames]))
         here = [self._far[frame.id] for frame in self._motions.plan.frames if frame.id in self._far]
         if here:
             of = tuple(dict.fromkeys(chain.from_iterable(here)))
-            found = replace(found, far_off=len(here), far_off_of=of)
-        if found.value is None:
-            return found
-        names = [one.name for one in self._motions.plan.motions.dimensions]
-        (offset, first), (spread, second) = unlikeness(answers, logged)
-        return replace(found, offset=offset, offset_of=names[first], spread=spread, spread_of=names[second])
+            result = replace(result, far_off=len(here), far_off_of=of)
+        if result.value is None:
+            return result
+        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
+        (offset, first), (spread, second) = distance_from_log(answers, logged)
+        return replace(result, offset=offset, offset_of=names[first], spread=spread, spread_of=names[second])
 
     def variation_share(self) -> Statistic:
         """Return the answers' variation between episodes, over that of the logged motions."""
@@ -170,12 +170,12 @@ class Effects:
         good = np.isfinite(fit[frames]).all(axis=(1, 2)) & np.isfinite(fit[others]).all(axis=(1, 2))
         frames, others = frames[good], others[good]
         if not len(frames):
-            return cannot_say("no two frames have answers and logged motions", method=method)
-        own = float(half_squares(self._real[:, frames], self._real[:, others]).mean())
-        logged = float(half_squares(fit[None, frames], fit[None, others]).mean())
+            return not_available("no two frames have answers and logged motions", method=method)
+        own = float(squared_distance(self._real[:, frames], self._real[:, others]).mean())
+        logged = float(squared_distance(fit[None, frames], fit[None, others]).mean())
         if not logged > 0:
-            return cannot_say("the logged motions are all the same", len(frames), method)
-        names = [one.name for one in self._motions.plan.motions.dimensions]
+            return not_available("the logged motions are all the same", len(frames), method)
+        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
         still = [names[place] for place in held_still(self._real[:, frames].mean(axis=0), fit[frames])]
         return Share(own / logged, len(frames), method=method, still=still or None)
 
@@ -189,14 +189,14 @@ class Effects:
         """
         apart, *before = self._motions.remembered()
         parts = (apart.mean(axis=1), apart.reshape(len(apart), apart.shape[1] * apart.shape[2]))
-        found = [memory_share(part, one, seed=key_seed("memory")) for part in parts for one in before]
-        return min(found, key=lambda one: 2.0 if one.p is None else one.p)
+        statistics = [memory_share(part, one, seed=key_seed("memory")) for part in parts for one in before]
+        return min(statistics, key=lambda statistic: 2.0 if statistic.p is None else statistic.p)
 
     def noise(self) -> Statistic:
         """Return the share of the variation without any change, or between two seeds."""
         again = self._motions.of("real_repeat")
         if again is None:
-            return cannot_say(self._absent("real_repeat"))
+            return not_available(self._absent("real_repeat"))
         frames, others = self._others()
         good = np.isfinite(again[0, frames]).all(axis=(1, 2))
         frames, others = frames[good], others[good]
@@ -217,7 +217,7 @@ class Effects:
         if real is None or again is None or self._drawn or self._seeded:
             return exact
         frames = self._whole(real, again)
-        return exact if (real[:, frames] == again[:, frames]).all() else rounded(real[0, frames])
+        return exact if (real[:, frames] == again[:, frames]).all() else rounding_tolerance(real[0, frames])
 
     def _same(self, condition: str, frames: Places) -> float:
         """Return the share of frames with equal raw answers under a condition.
@@ -246,11 +246,11 @@ class Effects:
         condition, given = f"swapped{OVER}{STATE}", self._as_given()
         frames = self._answered(condition)
         if isinstance(given, str) or isinstance(frames, str):
-            return cannot_say(str(given))
+            return not_available(str(given))
         effect, real, other = given
-        found = total_effect(effect, self._variation(), sampled=self._drawn)
-        p = relabelling_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
-        return self._net(self._counted(replace(found, p=p), condition), effect, frames, condition)
+        statistic = total_effect(effect, self._variation(), sampled=self._drawn)
+        p = permutation_p(real, other, seed=key_seed("relabelling", "reads")) if self._drawn else None
+        return self._net(self._counted(replace(statistic, p=p), condition), effect, frames, condition)
 
     def _counted(self, found: Statistic, *conditions: str) -> Share:
         """Return a statistic with the share of its condition's calls without a motion."""
@@ -278,7 +278,7 @@ class Effects:
         owner = partner = self._episodes[frames]
         if condition.partition(OVER)[0] in PARTNERS:
             partner = self._motions.episodes_of(self._motions.partners(condition)[frames])
-        return Pairs(half_squares(real, other), owner, partner)
+        return Pairs(squared_distance(real, other), owner, partner)
 
     def pairs(self, condition: str) -> tuple[Pairs, Pairs] | str:
         """Return a condition's effect and the variation; else why there is none."""
@@ -305,9 +305,9 @@ class Effects:
         if other is None or grey is None or not len(frames := self._whole(self._real, other, grey)):
             return False
         own, seen = self._episodes[frames], other[:, frames]
-        apart, alone = (Pairs(half_squares(seen, one[:, frames]), own, own) for one in (grey, self._real))
-        found = share_beyond(apart, alone, self._variation())
-        return found.ci is not None and found.ci[0] > USED
+        apart, alone = (Pairs(squared_distance(seen, one[:, frames]), own, own) for one in (grey, self._real))
+        statistic = share_beyond(apart, alone, self._variation())
+        return statistic.ci is not None and statistic.ci[0] > USED
 
     def _net(self, found: Statistic, effect: Pairs, frames: Places, condition: str) -> Share:
         """Return a share whose lower end counts only what exceeds the effect of nudged pictures.
@@ -322,7 +322,7 @@ class Effects:
         places, own = frames[kept], self._episodes[frames[kept]]
         if not len(places):
             return replace(share, ci=(min(0.0, share.ci[0]), share.ci[1]))
-        alone = Pairs(half_squares(self._real[:, places], self._by_bytes[:, places]), own, own)
+        alone = Pairs(squared_distance(self._real[:, places], self._by_bytes[:, places]), own, own)
         beyond = share_beyond(effect, alone, self._variation())
         sees = self._sees_grey or condition.partition(OVER)[2] in {STATE, INSTRUCTION}
         low = beyond.ci[0] if beyond.ci is not None and sees else 0.0
@@ -333,20 +333,20 @@ class Effects:
         """Return the share of the variation that changes under a condition."""
         pairs, changed = self.pairs(condition), self._motions.of(condition)
         if isinstance(pairs, str) or changed is None:
-            return cannot_say(str(pairs))
+            return not_available(str(pairs))
         frames = self._whole(self._real, changed)
         real, other = self._real[:, frames], changed[:, frames]
         found = total_effect(*pairs, sampled=self._drawn)
         if found.value is None:
             return found
-        p = relabelling_p(real, other, seed=key_seed("relabelling", condition)) if self._drawn else None
+        p = permutation_p(real, other, seed=key_seed("relabelling", condition)) if self._drawn else None
         some, others = self._others()
         parts = shares_of_parts(real, other, self._real[:, some], self._real[:, others])
-        names = [one.name for one in self._motions.plan.motions.dimensions]
+        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
         by = {"by_dimension": dict(zip(names, parts["dimension"], strict=True)), "by_step": list(parts["step"])}
         apart = None
         if self._drawn:
-            apart = scattering(real, other, self._whole_variation, seed=key_seed("scatter", condition))
+            apart = dispersion_change(real, other, self._whole_variation, seed=key_seed("scatter", condition))
         size, size_p = apart or (None, None)
         found = replace(
             self._counted(found, condition),
@@ -381,19 +381,19 @@ class Effects:
         some, others = self._others()
         went = half_products(self._real[:, frames], changed[:, frames])
         varies = half_products(self._real[:, some], self._real[:, others])
-        names = [one.name for one in self._motions.plan.motions.dimensions]
+        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
         parts = {name: (went[..., place], varies[..., place]) for place, name in enumerate(names)}
         parts |= {f"step {step + 1}": (went[:, step], varies[:, step]) for step in range(went.shape[1])}
-        found, small = {}, rare(self._motions.plan.bank) - {*chain.from_iterable(self._far.values())}
+        result, small = {}, rare(self._motions.plan.bank) - {*chain.from_iterable(self._far.values())}
         for name, (less, more) in parts.items():
             of, over = less.mean(axis=1), more.mean(axis=1)
             least = 0.0 if name in small else CONSTANT
             if len(over) and over.mean() > least and of.mean() >= IGNORED * over.mean():
                 whole = Pairs(over, self._episodes[some], self._episodes[others])
-                one = total_effect(Pairs(of, effect.owner, effect.partner), whole, sampled=self._drawn)
-                if one.value is not None and one.ci is not None and one.ci[0] > USED:
-                    found[name] = one.value
-        return found
+                statistic = total_effect(Pairs(of, effect.owner, effect.partner), whole, sampled=self._drawn)
+                if statistic.value is not None and statistic.ci is not None and statistic.ci[0] > USED:
+                    result[name] = statistic.value
+        return result
 
     def shapley(self) -> dict[str, Statistic]:
         """Return each channel's Shapley share of the variation; they add up to 1.
@@ -407,15 +407,15 @@ class Effects:
             return {}
         names = sorted(frozenset().union(*every))
         answers = {some: self._motions.of(name) for some, name in every.items()}
-        given = {some: one for some, one in answers.items() if one is not None}
+        given = {some: answer for some, answer in answers.items() if answer is not None}
         if len(given) < len(every):
-            return {f"shapley.{name}": cannot_say(NOT_ASKED) for name in names}
+            return {f"shapley.{name}": not_available(NOT_ASKED) for name in names}
         frames, others = self._pictures_of(np.isin(np.arange(self._real.shape[1]), self._whole(*given.values())))
         if not len(frames):
-            return {f"shapley.{name}": cannot_say(NO_FRAMES) for name in names}
+            return {f"shapley.{name}": not_available(NO_FRAMES) for name in names}
         real = self._real[:, frames]
-        worth = {some: half_squares(real, one[:, frames]) for some, one in given.items()}
-        worth[frozenset(names)] = half_squares(real, self._real[:, others])
+        worth = {some: squared_distance(real, one[:, frames]) for some, one in given.items()}
+        worth[frozenset(names)] = squared_distance(real, self._real[:, others])
         owner, partner = self._episodes[frames], self._episodes[others]
         whole = Pairs(worth[frozenset(names)], owner, partner)
         return {
@@ -453,17 +453,17 @@ class Effects:
         """
         matched, near = (self._motions.of(f"{name}@{channel}") for name in BY_STATE)
         if matched is None or near is None:
-            return cannot_say(self._absent(f"{BY_STATE[matched is not None]}@{channel}"))
+            return not_available(self._absent(f"{BY_STATE[matched is not None]}@{channel}"))
         frames = self._whole(self._real, matched, near)
         if not len(frames):
-            return cannot_say(NO_FRAMES)
+            return not_available(NO_FRAMES)
         short, still = own_pictures(self._motions.plan.bank, channel, self._motions.partners("real")[frames])
         if short:
-            return cannot_say(short, len(frames))
+            return not_available(short, len(frames))
         real, own = self._real[:, frames], self._episodes[frames]
         theirs = self._motions.episodes_of(self._motions.partners(f"matched@{channel}")[frames])
-        alike = Pairs(half_squares(real, matched[:, frames]), own, theirs)
-        found = share_beyond(alike, Pairs(half_squares(real, near[:, frames]), own, own), self._variation())
+        alike = Pairs(squared_distance(real, matched[:, frames]), own, theirs)
+        found = share_beyond(alike, Pairs(squared_distance(real, near[:, frames]), own, own), self._variation())
         found = self._counted(found, *(f"{name}@{channel}" for name in BY_STATE))
         return replace(found, still=still) if still else found
 
@@ -474,15 +474,15 @@ class Effects:
         """
         matched, swapped = (self._motions.of(f"{name}@{channel}") for name in ("matched", "swapped"))
         if matched is None or swapped is None:
-            return cannot_say(next(self._absent(f"{name}@{channel}") for name in ("matched", "swapped")))
+            return not_available(next(self._absent(f"{name}@{channel}") for name in ("matched", "swapped")))
         frames = self._whole(self._real, matched, swapped)
         if not len(frames):
-            return cannot_say(NO_FRAMES)
+            return not_available(NO_FRAMES)
         real, other = self._real[:, frames], swapped[:, frames]
         theirs = self._motions.episodes_of(self._motions.partners(f"swapped@{channel}")[frames])
-        effect = Pairs(half_squares(real, other), self._episodes[frames], theirs)
+        effect = Pairs(squared_distance(real, other), self._episodes[frames], theirs)
         found = total_effect(effect, self._variation(), sampled=self._drawn)
-        p = relabelling_p(real, other, seed=key_seed("relabelling", "alike", channel)) if self._drawn else None
+        p = permutation_p(real, other, seed=key_seed("relabelling", "alike", channel)) if self._drawn else None
         found = self._counted(replace(found, p=p), f"matched@{channel}", f"swapped@{channel}")
         return self._net(found, effect, frames, f"swapped@{channel}")
 
@@ -490,12 +490,12 @@ class Effects:
         """Return how far the answer follows a moved object; of two, how much farther the first."""
         gains, full = self._gains(which[0])
         if gains is None:
-            return cannot_say(NOT_ASKED)
+            return not_available(NOT_ASKED)
         heading, parts = None, None
         if len(which) > 1:
             less, _ = self._gains(which[1])
             if less is None:
-                return cannot_say(NOT_ASKED)
+                return not_available(NOT_ASKED)
             gains = gains - less
             parts = dict(self._parts(which, gains, full))
         else:
@@ -517,7 +517,7 @@ class Effects:
             texts.setdefault(told({column: plan.frames[place].fields.get(column, "")}), []).append(place)
         for places in texts.values() if len(texts) > 1 else ():
             if (part := self._part(gains[places], full[places], self._episodes[places])) is not None:
-                yield f"told {quoted(plan.frames[places[0]].fields.get(column, ''))}", part
+                yield f"told {quote(plan.frames[places[0]].fields.get(column, ''))}", part
         first, second = (self._along(name) for name in which)
         length = sum((self._way(which[0], axis) ** 2 for axis in first or ()), np.zeros(len(gains)))
         for axis in first or () if second is not None else ():
@@ -567,7 +567,7 @@ class Effects:
         (named, named_full), (other, other_full) = own
         (named_told, _), (other_told, _) = told
         if named is None or other is None or named_told is None or other_told is None:
-            return cannot_say(NOT_ASKED)
+            return not_available(NOT_ASKED)
         found = self._followed((named - other - named_told + other_told) / 2, (named_full + other_full) / 2)
         return self._counted(found, *MOVES, *(f"{TOLD}{name}" for name in MOVES))
 
@@ -580,13 +580,13 @@ class Effects:
         condition = f"swapped{OVER}{INSTRUCTION}"
         changed, fit = self._motions.of(condition), self._motions.fit_to
         if changed is None:
-            return cannot_say(self._absent(condition))
+            return not_available(self._absent(condition))
         frames = self._whole(self._real, changed, fit[None])
         own, other, logged = self._real[:, frames], changed[:, frames], fit[frames]
         if not len(frames):
-            return cannot_say("no frame has both answers and a logged motion")
+            return not_available("no frame has both answers and a logged motion")
         errors = [((one.mean(axis=0) - logged) ** 2).mean(axis=(1, 2)) for one in (other, own)]
-        full = 2 * half_squares(own, other)
+        full = 2 * squared_distance(own, other)
         found = follow(errors[0] - errors[1], full, self._episodes[frames], seed=key_seed("logged"))
         return self._counted(found, condition)
 
@@ -616,14 +616,14 @@ class Effects:
         """Return the distance of the mirrored moment's answer from the reflected one; 0 fits."""
         changed, space = self._motions.of("mirrored"), self._motions.plan.motions
         if changed is None:
-            return cannot_say(NOT_ASKED)
+            return not_available(NOT_ASKED)
         frames = self._whole(self._real, changed)
         if not len(frames):
-            return cannot_say(NO_FRAMES)
+            return not_available(NO_FRAMES)
         scales = self._motions.scales
         expected = space.reflect_relative(self._real[:, frames] * scales) / scales
         owner = self._episodes[frames]
-        values = half_squares(expected, changed[:, frames])
+        values = squared_distance(expected, changed[:, frames])
         return total_effect(Pairs(values, owner, owner), self._variation(), sampled=self._drawn)
 
 

@@ -25,8 +25,8 @@ from eyechart.report.charts import (
     WAYS,
     Drawing,
     canvas,
-    fitted,
     named_rows,
+    shorten_middle,
     style,
     width_of,
 )
@@ -40,7 +40,7 @@ from eyechart.studies.policy.training_curve import TrainingCurve
 from eyechart.verdicts.labels import USES
 from eyechart.verdicts.policy_rules import AxisVerdict
 from eyechart.verdicts.policy_verdict import PolicyVerdict
-from eyechart.verdicts.share_predicates import IGNORED, USED, ignored, used
+from eyechart.verdicts.share_predicates import IGNORED, USED, is_ignored, is_used
 
 _TICKS = (0, 0.1, 0.3, 0.6, 1, 2, 4)
 _OF_ALL = {
@@ -135,9 +135,13 @@ def shares(judged: PolicyVerdict, policy: PolicyResult) -> Iterator[Drawing]:
 
 def _drawn(policy: PolicyResult) -> Iterator[tuple[str, Statistic]]:
     """Yield the name and value of each share that has a row."""
-    for name, one in policy.statistics.items():
-        if name.startswith("T.") and name.removeprefix("T.").partition("@")[0] in _INSTEAD and one.value is not None:
-            yield name, one
+    for name, statistic in policy.statistics.items():
+        if (
+            name.startswith("T.")
+            and name.removeprefix("T.").partition("@")[0] in _INSTEAD
+            and statistic.value is not None
+        ):
+            yield name, statistic
 
 
 def _in_words(name: str) -> str:
@@ -159,7 +163,7 @@ _INSTEAD = {
 
 def _axes(judged: PolicyVerdict) -> dict[str, AxisVerdict]:
     """Return the verdict on each channel."""
-    cameras = {f"{CAMERA}{name}": one for name, one in judged.cameras.items()}
+    cameras = {f"{CAMERA}{name}": camera for name, camera in judged.cameras.items()}
     return {CAMERAS: judged.camera, **cameras, STATE: judged.state, INSTRUCTION: judged.instruction}
 
 
@@ -169,17 +173,17 @@ def _channel(judged: PolicyVerdict, name: str) -> str:
     return next((one for one in (channel, f"{CAMERA}{channel}") if one in axes), CAMERAS)
 
 
-def _colour(one: Statistic, axis: AxisVerdict) -> str:
+def _colour(statistic: Statistic, axis: AxisVerdict) -> str:
     """Return the colour of a share: grey if it or its axis is undecided."""
     if USES[axis.label].is_open:
         return MUTED
-    return BLUE if used(one) else VERMILLION if ignored(one) else MUTED
+    return BLUE if is_used(statistic) else VERMILLION if is_ignored(statistic) else MUTED
 
 
 def _of_open(judged: PolicyVerdict, channels: Sequence[str]) -> Iterator[str]:
     """Yield a sentence that names the undecided channels with a row, if there are any."""
     axes = _axes(judged)
-    found = [one.removeprefix(CAMERA) for one in axes if one in channels and USES[axes[one].label].is_open]
+    found = [axis.removeprefix(CAMERA) for axis in axes if axis in channels and USES[axes[axis].label].is_open]
     if found:
         yield f"Hollow because the verdict is undecided, whatever the interval: {_all(found)}. The line below says why."
 
@@ -193,17 +197,17 @@ def _all(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
-def _end(one: Statistic) -> float:
+def _end(statistic: Statistic) -> float:
     """Return how far a share reaches."""
-    return max(one.value or 0, 0 if one.ci is None else one.ci[1])
+    return max(statistic.value or 0, 0 if statistic.ci is None else statistic.ci[1])
 
 
-def _interval(axes: Axes, y: int, one: Statistic, colour: str) -> None:
+def _interval(axes: Axes, y: int, statistic: Statistic, colour: str) -> None:
     axes.axhline(y, color=LINE, linewidth=0.6, zorder=0)
-    if one.ci is not None:
-        axes.plot(np.clip(one.ci, 0, _FAR), [y, y], color=colour, lw=1.8, solid_capstyle="butt", zorder=2)
-    if one.value is not None:
-        _dot(axes, _on_page(one.value), y, colour)
+    if statistic.ci is not None:
+        axes.plot(np.clip(statistic.ci, 0, _FAR), [y, y], color=colour, lw=1.8, solid_capstyle="butt", zorder=2)
+    if statistic.value is not None:
+        _dot(axes, _on_page(statistic.value), y, colour)
 
 
 def _dot(axes: Axes, x: float, y: float, colour: str) -> None:
@@ -215,7 +219,7 @@ def _dot(axes: Axes, x: float, y: float, colour: str) -> None:
 def training(course: TrainingCurve) -> Drawing:
     """Draw each channel's share against the training step, a row each, with the margins."""
     names = course.channels
-    points = [(one.step or 0, one.verdict, one.shares) for one in course.checkpoints]
+    points = [(checkpoint.step or 0, checkpoint.verdict, checkpoint.shares) for checkpoint in course.checkpoints]
     every = [one for *_, each in points for one in each.values()]
     far, high = max([1.2, *map(_end, every)]), 0.95
     with style():
@@ -289,18 +293,18 @@ def moments(spec: str, policy: PolicyResult, pictures: FrameBank | None) -> list
     Further figures exchange single cameras and change the world. No moment is drawn twice if there
     are enough.
     """
-    found = policy.motions
-    cameras = [name for name in channels_of(found.plan.bank) if name.startswith(CAMERA)]
+    motions = policy.motions
+    cameras = [name for name in channels_of(motions.plan.bank) if name.startswith(CAMERA)]
     each = {f"swapped@{name}": f"another {name.removeprefix(CAMERA)} picture" for name in cameras}
     kinds: list[tuple[str, Mapping[str, str]]] = [("moment", _OF_ALL)] * _MOMENTS
     for turn, kept in enumerate(_parts(_OF_PICTURES | each, len(_LINES))):
         kinds.append((f"pictures-{turn + 1}" if turn else "pictures", kept))
     kinds.append(("world", _OF_THE_WORLD))
-    kinds = [(kind, shown) for kind, shown in kinds if any(found.raw(name) is not None for name in shown)]
-    made: dict[tuple[str, int], Drawing | None] = {}
-    for (kind, shown), (place, why) in zip(kinds, cycle(_telling(found, len(kinds))), strict=False):
-        made.setdefault((kind, place), _moment(kind, spec, found, place, why, shown, pictures))
-    return [one for one in made.values() if one is not None]
+    kinds = [(kind, shown) for kind, shown in kinds if any(motions.raw(name) is not None for name in shown)]
+    drawings: dict[tuple[str, int], Drawing | None] = {}
+    for (kind, shown), (place, why) in zip(kinds, cycle(_telling(motions, len(kinds))), strict=False):
+        drawings.setdefault((kind, place), _moment(kind, spec, motions, place, why, shown, pictures))
+    return [drawing for drawing in drawings.values() if drawing is not None]
 
 
 def _parts(whole: Mapping[str, str], most: int) -> Iterator[Mapping[str, str]]:
@@ -351,7 +355,7 @@ def _moment(
     return Drawing(
         _slug(f"{kind}-{spec}-{frame.id}"),
         f"{spec} at {frame.id}, {told}",
-        says + ", ".join(one.words for one in lines),
+        says + ", ".join(line.words for line in lines),
         figure,
         note=note,
     )
@@ -359,13 +363,13 @@ def _moment(
 
 def _lines(found: Motions, place: int, shown: Mapping[str, str]) -> list[MotionLine]:
     """Return a moment's motions, its own answer first; missing ones are left out."""
-    made = []
+    lines = []
     looks = [(INK, "-"), *_LINES]
     for (name, words), (colour, dashes) in zip({"real": _OWN, **shown}.items(), looks, strict=False):
         raw = found.raw(name)
         if raw is not None and np.isfinite(raw[0, place]).all():
-            made.append(MotionLine(words, colour, dashes, raw[0, place]))
-    return made
+            lines.append(MotionLine(words, colour, dashes, raw[0, place]))
+    return lines
 
 
 def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
@@ -381,9 +385,9 @@ def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
         )
     alone = len(space.dimensions) == 1
     what = "the number of its motion" if alone else "one number of its motion"
-    names = {one.name for one in space.dimensions if space.kind in PLACES and one.state is not None}
+    names = {dimension.name for dimension in space.dimensions if space.kind in PLACES and dimension.state is not None}
     relative = " Places are drawn relative to its state." if names else ""
-    units = "" if any(one.unit for one in space.dimensions) else " The bank names no units."
+    units = "" if any(dimension.unit for dimension in space.dimensions) else " The bank names no units."
     units = f" All are in {_unit(space)}." if _unit(space) else units
     return f"Each curve is {what} over {steps}{rate}; each axis has a scale of its own.{relative}{units} {exchanged}"
 
@@ -418,7 +422,7 @@ def _pictures(bank: FrameBank, frame_id: str) -> dict[str, Floats]:
     """Return a frame's pictures by camera; empty if they cannot be read."""
     try:
         frame = bank.frame(frame_id)
-        return {name: np.asarray(decode(one, name)) for name, one in bank.images(frame).items()}
+        return {name: np.asarray(decode(image, name)) for name, image in bank.images(frame).items()}
     except EyechartError:
         return {}
 
@@ -427,7 +431,7 @@ def _show(figure: Figure, picture: Floats, box: tuple[float, float, float, float
     """Draw a picture in a box of the figure, its name above it and no wider than it."""
     axes = figure.add_axes(box)
     axes.imshow(picture, interpolation="nearest")
-    axes.set_title(fitted(name, box[2] * _WIDE + 0.05, size), fontsize=size, pad=3)
+    axes.set_title(shorten_middle(name, box[2] * _WIDE + 0.05, size), fontsize=size, pad=3)
     axes.set_axis_off()
 
 
@@ -440,26 +444,26 @@ def paths(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Motion
         _show(figure, picture, box, camera, 8.5 if len(seen) <= _ONE_COLUMN else 7)
     axes = figure.add_axes(((left + 0.45) / _WIDE, (0.9 + below) / high, (3.8 - left) / _WIDE, 2.2 / high))
     across, down = space.axes[:2]
-    for one in lines:
+    for line in lines:
         ways = [
-            [0.0, *(float(space.displacement(one.numbers[:end], axis)) for end in range(1, space.horizon + 1))]
+            [0.0, *(float(space.displacement(line.numbers[:end], axis)) for end in range(1, space.horizon + 1))]
             for axis in (across, down)
         ]
-        axes.plot(*ways, color=one.colour, linestyle=one.dashes, linewidth=one.width, label=one.words)
-        axes.scatter([ways[0][-1]], [ways[1][-1]], s=16, color=one.colour, zorder=3)
+        axes.plot(*ways, color=line.colour, linestyle=line.dashes, linewidth=line.width, label=line.words)
+        axes.scatter([ways[0][-1]], [ways[1][-1]], s=16, color=line.colour, zorder=3)
     axes.scatter([0], [0], s=26, facecolors="none", edgecolors=INK, zorder=4)
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
     _quiet(axes)
-    axes.set_xlabel(fitted(_with_unit(space, across), (3.8 - left), 8), fontsize=8)
-    axes.set_ylabel(fitted(_with_unit(space, down), 2.1, 8), fontsize=8)
+    axes.set_xlabel(shorten_middle(_with_unit(space, across), (3.8 - left), 8), fontsize=8)
+    axes.set_ylabel(shorten_middle(_with_unit(space, down), 2.1, 8), fontsize=8)
     _legend(figure, lines)
     return figure
 
 
 def _with_unit(space: MotionSpace, axis: str) -> str:
     """Return an axis of the world with its unit; velocities are summed, so they get none."""
-    units = {one.unit for one in space.dimensions if one.along == axis and one.unit}
+    units = {dimension.unit for dimension in space.dimensions if dimension.along == axis and dimension.unit}
     return f"{axis} ({', '.join(sorted(units))})" if units and space.kind != "velocity" else axis
 
 
@@ -472,7 +476,10 @@ def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Motio
 
     An axis spans at least its dimension's scale, so that small differences look small.
     """
-    names = [f"{one.name} ({one.unit})" if one.unit and not _unit(space) else one.name for one in space.dimensions]
+    names = [
+        f"{dimension.name} ({dimension.unit})" if dimension.unit and not _unit(space) else dimension.name
+        for dimension in space.dimensions
+    ]
     columns = 1 if len(names) <= _FEW else 2
     rows = -(-len(names) // columns)
     beside = min(max(len(seen), 3), _IN_A_ROW)
@@ -515,13 +522,13 @@ def _with_room(names: Sequence[str], inches: float) -> list[str]:
 
 def _unit(space: MotionSpace) -> str:
     """Return the common unit of all dimensions, empty if there is none."""
-    units = {one.unit for one in space.dimensions}
+    units = {dimension.unit for dimension in space.dimensions}
     return next(iter(units)) if len(units) == 1 else ""
 
 
 def _over_steps(axes: Axes, lines: Sequence[MotionLine], dimension: int, scale: float) -> None:
     """Draw one dimension of every line over the steps of the horizon."""
-    values = np.array([one.numbers[:, dimension] for one in lines])
+    values = np.array([line.numbers[:, dimension] for line in lines])
     steps = range(1, values.shape[1] + 1)
     for one, column in zip(lines, values, strict=True):
         marker = "o" if len(column) == 1 else ""
@@ -544,10 +551,10 @@ def _legend_rows(lines: Sequence[MotionLine]) -> int:
 
 def _legend(figure: Figure, lines: Sequence[MotionLine]) -> None:
     """Draw the legend below a figure, in two columns."""
-    drawn = [Line2D([], [], color=one.colour, linestyle=one.dashes, linewidth=one.width) for one in lines]
+    drawn = [Line2D([], [], color=line.colour, linestyle=line.dashes, linewidth=line.width) for line in lines]
     figure.legend(
         drawn,
-        [fitted(one.words, 1.68, 7.5) for one in lines],
+        [shorten_middle(line.words, 1.68, 7.5) for line in lines],
         loc="lower left",
         bbox_to_anchor=(0.0, 0.0),
         ncols=2,

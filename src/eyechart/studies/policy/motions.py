@@ -150,8 +150,8 @@ class Motions:
         if not found[0]:
             return np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros((0, 1))
         arrays = [np.array(many) for many in found]
-        good = np.logical_and.reduce([np.isfinite(one).reshape(len(one), -1).all(axis=1) for one in arrays])
-        apart, before, earlier = (one[good] for one in arrays)
+        good = np.logical_and.reduce([np.isfinite(array).reshape(len(array), -1).all(axis=1) for array in arrays])
+        apart, before, earlier = (array[good] for array in arrays)
         return apart, before, earlier
 
     @cached_property

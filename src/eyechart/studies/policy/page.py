@@ -72,10 +72,10 @@ def _opening(runs: Sequence[ScoredBank]) -> PageSummary:
     return PageSummary(sentence, said, figure=replace(drawn[0], name="in-short") if drawn else None)
 
 
-def _of_first(spec: str, one: PolicyVerdict, score: PolicyScore, runs: Sequence[ScoredBank]) -> list[Drawing]:
+def _of_first(spec: str, verdict: PolicyVerdict, score: PolicyScore, runs: Sequence[ScoredBank]) -> list[Drawing]:
     """Return the figures of the first policy on the page."""
     pictures = next(pictures for other, pictures in runs if other is score)
-    return [*moments(spec, score.models[spec], pictures), *_shares(score, one)]
+    return [*moments(spec, score.models[spec], pictures), *_shares(score, verdict)]
 
 
 _LOOK = {
@@ -91,14 +91,14 @@ _LOOK = {
 _MOST_NAMED = 4
 
 
-def _does(one: PolicyVerdict) -> str:
+def _does(verdict: PolicyVerdict) -> str:
     """Return the key of `_LOOK` for a policy."""
-    looks = "none" if one.guards else one.answer
+    looks = "none" if verdict.guards else verdict.answer
     if looks != "Yes":
         return looks
-    if INSTRUCTION[one.instruction.label].is_absence:  # that also explains a misfit
+    if INSTRUCTION[verdict.instruction.label].is_absence:  # that also explains a misfit
         return "deaf"
-    return "unfit" if is_unfit(one) else looks
+    return "unfit" if is_unfit(verdict) else looks
 
 
 def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
@@ -113,9 +113,9 @@ def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
     return f"Of {len(found)} policies, {' and '.join(filter(None, (', '.join(told[:-1]), told[-1])))}."
 
 
-def _tone(one: PolicyVerdict) -> str:
+def _tone(verdict: PolicyVerdict) -> str:
     """Return the severity: by the cameras, "partly" at best for a deaf or unfit policy."""
-    return "partly" if _does(one) in {"deaf", "unfit"} else CAMERA[one.camera.label].family
+    return "partly" if _does(verdict) in {"deaf", "unfit"} else CAMERA[verdict.camera.label].family
 
 
 def _tables(score: PolicyScore) -> list[Table]:
@@ -129,10 +129,10 @@ def _tables(score: PolicyScore) -> list[Table]:
 def _sections(score: PolicyScore, pictures: FrameBank | None, shown: str, *, alone: bool) -> Iterator[Section]:
     """Yield a section a policy, then the tables; the figure titled ``shown`` is already above."""
     verdicts, of = judge(score), "" if alone else f", {score.bank.name}"
-    for spec, one in verdicts.items():
+    for spec, verdict in verdicts.items():
         others = [drawn for drawn in moments(spec, score.models[spec], pictures) if drawn.title != shown]
-        drawings = [*_shares(score, one), *others]
-        yield Section(spec, f"{_labels_of(one)} {_answer(one)}", drawings, lines=list(_why(one, score)))
+        drawings = [*_shares(score, verdict), *others]
+        yield Section(spec, f"{_labels_of(verdict)} {_answer(verdict)}", drawings, lines=list(_why(verdict, score)))
     intro = "The share of a policy's own variation that goes with each channel, and the verdicts."
     yield Section(f"Side by side{of}", intro, tables=[verdict_table(verdicts), channel_table(verdicts)])
     every = [meaning_table(score), *statistics_table(score).split(), parts_table(score), steps_table(score)]
@@ -146,76 +146,82 @@ _EVERY = (
 )
 
 
-def _shares(score: PolicyScore, one: PolicyVerdict) -> Iterator[Drawing]:
+def _shares(score: PolicyScore, verdict: PolicyVerdict) -> Iterator[Drawing]:
     """Draw the shares of a policy; nothing if a guard failed, since then it has no verdict."""
-    if not one.guards:
-        yield from shares(one, score.models[one.model])
+    if not verdict.guards:
+        yield from shares(verdict, score.models[verdict.model])
 
 
-def _labels_of(one: PolicyVerdict) -> str:
+def _labels_of(verdict: PolicyVerdict) -> str:
     """Return a policy's labels in a line."""
-    if one.guards:
+    if verdict.guards:
         return "No verdict."
-    single = ", ".join(f"{name} {judged.label}" for name, judged in one.cameras.items())
-    cameras = f"{one.camera.label} ({single})" if single else one.camera.label
-    return f"{cameras}; {one.state.label}; {one.instruction.label}."
+    single = ", ".join(f"{name} {judged.label}" for name, judged in verdict.cameras.items())
+    cameras = f"{verdict.camera.label} ({single})" if single else verdict.camera.label
+    return f"{cameras}; {verdict.state.label}; {verdict.instruction.label}."
 
 
-def _answer(one: PolicyVerdict) -> str:
+def _answer(verdict: PolicyVerdict) -> str:
     """Return a policy's verdict in a few sentences."""
-    if one.guards:
-        return " ".join(f"{name}: {GUARDS[name].says}." for name in one.guards) + " It gets no other verdict."
-    said = (CAMERA[one.camera.label], STATE[one.state.label], INSTRUCTION[one.instruction.label])
-    unfit = [f"Its error is {one.misfit:.1f} of the log's variance: {_UNFIT}."] if is_unfit(one) else []
+    if verdict.guards:
+        return " ".join(f"{name}: {GUARDS[name].says}." for name in verdict.guards) + " It gets no other verdict."
+    said = (CAMERA[verdict.camera.label], STATE[verdict.state.label], INSTRUCTION[verdict.instruction.label])
+    unfit = [f"Its error is {verdict.misfit:.1f} of the log's variance: {_UNFIT}."] if is_unfit(verdict) else []
     return " ".join([*unfit, *(label.says for label in said)])
 
 
 _UNFIT = "it does something else than was logged"
 
 
-def is_unfit(one: PolicyVerdict) -> bool:
+def is_unfit(verdict: PolicyVerdict) -> bool:
     """Return whether a policy does something else than was logged, whatever it uses."""
-    return one.misfit is not None and one.misfit >= MISFIT
+    return verdict.misfit is not None and verdict.misfit >= MISFIT
 
 
-def _why(one: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
+def _why(verdict: PolicyVerdict, score: PolicyScore) -> Iterator[str]:
     """Yield next steps, the reason for each label, and what prevents a stronger claim."""
-    yield from (f"Next: {advice}" for advice in _next(one, score))
-    yield from (f"{name}: {why}." for name, why in one.guards.items())
-    axes = {"cameras": one.camera, **{f"{name} camera": judged for name, judged in one.cameras.items()}}
-    axes |= {"state": one.state, "instruction": one.instruction}
+    yield from (f"Next: {advice}" for advice in _next(verdict, score))
+    yield from (f"{name}: {why}." for name, why in verdict.guards.items())
+    axes = {"cameras": verdict.camera, **{f"{name} camera": judged for name, judged in verdict.cameras.items()}}
+    axes |= {"state": verdict.state, "instruction": verdict.instruction}
     open_by: dict[str, list[str]] = {}
-    for name, judged in axes.items() if not one.guards else ():
+    for name, judged in axes.items() if not verdict.guards else ():
         yield f"{name}: {judged.label}. {judged.because}"
         if judged.why_not:
             open_by.setdefault(judged.why_not, []).append(name)
     yield from (f"Not more of {', '.join(names)}, because {why}." for why, names in open_by.items())
-    yield from (f"{remark}." for remark in one.remarks)
-    yield f"Scope: {one.scope}"
+    yield from (f"{remark}." for remark in verdict.remarks)
+    yield f"Scope: {verdict.scope}"
 
 
-def _next(one: PolicyVerdict, score: PolicyScore) -> list[str]:
+def _next(verdict: PolicyVerdict, score: PolicyScore) -> list[str]:
     """Return next steps for the policy's training, the most urgent first."""
-    axes = {} if one.guards else {"camera": one.camera, "state": one.state, "instruction": one.instruction}
-    found = [GUARDS[name].advice for name in one.guards]
+    axes = (
+        {} if verdict.guards else {"camera": verdict.camera, "state": verdict.state, "instruction": verdict.instruction}
+    )
+    found = [GUARDS[name].advice for name in verdict.guards]
     found += filter(None, (_of_label(name, each, score) for name, each in axes.items()))
     still_open = [name for name, each in axes.items() if each.label == "undecided"]
-    found += dict.fromkeys(str(settling(score, one.model, CHANNEL_OF[name])) for name in still_open)
-    spare = [name for name, judged in one.cameras.items() if judged.label == "ignores_camera" != one.camera.label]
-    if len(spare) == 1 and not one.guards:
+    found += dict.fromkeys(str(settling(score, verdict.model, CHANNEL_OF[name])) for name in still_open)
+    spare = [
+        name for name, judged in verdict.cameras.items() if judged.label == "ignores_camera" != verdict.camera.label
+    ]
+    if len(spare) == 1 and not verdict.guards:
         found.append(f"leave out the {spare[0]} camera, or find out why it is ignored: crop, dark picture, wrong key.")
-    elif spare and not one.guards:
+    elif spare and not verdict.guards:
         found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may show the same.")
-    for name, judged in one.cameras.items() if not one.guards else ():
-        if judged.label == "undecided" != one.camera.label:
-            found.append(f"the use of the {name} camera is undecided: {settling(score, one.model, f'camera:{name}')}")
-    return found or [named(UNFIT, score) if is_unfit(one) else FINE]
+    for name, judged in verdict.cameras.items() if not verdict.guards else ():
+        if judged.label == "undecided" != verdict.camera.label:
+            found.append(
+                f"the use of the {name} camera is undecided: {settling(score, verdict.model, f'camera:{name}')}"
+            )
+    return found or [named(UNFIT, score) if is_unfit(verdict) else FINE]
 
 
-def _of_label(axis: str, one: AxisVerdict, score: PolicyScore) -> str:
+def _of_label(axis: str, verdict: AxisVerdict, score: PolicyScore) -> str:
     """Return a label's advice, or to check the connection if a channel may have none."""
-    label = USES[one.label]
-    unconnected = one.may_be_unconnected and label.is_absence
+    label = USES[verdict.label]
+    unconnected = verdict.may_be_unconnected and label.is_absence
     return named(str(ASK_ROAD) if unconnected else label.advice, score, CHANNEL_OF[axis])
 
 

@@ -12,7 +12,7 @@ from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import channels_of, instruction_column, require_channels
 from eyechart.conditions import OVER, PARTNERS, find_condition
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
-from eyechart.errors import BankError, SpecError, meant
+from eyechart.errors import BankError, SpecError, did_you_mean
 from eyechart.event_loops import make_calls
 from eyechart.frames import FrameBank
 from eyechart.importing.log_warnings import notes
@@ -24,8 +24,8 @@ from eyechart.planned_run import RunAllowance, RunEnding, calls_ended
 from eyechart.prompts import policy_prompt
 from eyechart.run import MotionPlan, RunOptions, Stages, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace, require_motions
-from eyechart.stats.total_effect import rounded
-from eyechart.studies.battery import Battery, open_whole, plan_of, resumed
+from eyechart.stats.total_effect import rounding_tolerance
+from eyechart.studies.battery import Battery, open_whole, plan_of, resume_manifest
 from eyechart.studies.battery import run as run_battery
 
 STUDY = "policy"
@@ -151,7 +151,7 @@ def plan(
         reader=MOTION_READER,
         answers=extent.answers,
     )
-    manifest = resumed(out, manifest, bank)
+    manifest = resume_manifest(out, manifest, bank)
     frames = spread(bank.frames, extent.limit)
     calls = replace(motions_of(manifest, bank), models=tuple(models), conditions=asked, frames=frames)
     usual = set(conditions or supplied)
@@ -176,11 +176,11 @@ def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -
 def _unknown(name: str, bank: FrameBank) -> str:
     """Say which channel or camera of a condition the bank lacks, and which it has."""
     base, over, channel = name.partition(OVER)
-    cameras = [one.name for one in bank.frames[0].cameras]
+    cameras = [camera.name for camera in bank.frames[0].cameras]
     if not over or (base not in PARTNERS and channel in cameras):
         return "the bank has no such pictures"
     what, known = ("channel", [*channels_of(bank)]) if base in PARTNERS else ("camera", cameras)
-    return f"the bank has no {what} '{channel}';{meant(channel, known)} there are {', '.join(known)}"
+    return f"the bank has no {what} '{channel}';{did_you_mean(channel, known)} there are {', '.join(known)}"
 
 
 def _require_asked(bank: FrameBank) -> None:
@@ -232,7 +232,7 @@ def _draws(replies: Iterator[tuple[CallKey, Reply]], space: MotionSpace, *, agai
                 apart.append((before.array, motion.array))
     if not apart:
         return False
-    near = rounded(np.stack([one.array for one in first.values()]))
+    near = rounding_tolerance(np.stack([one.array for one in first.values()]))
     return any(bool((np.abs(one - other) > near).any()) for one, other in apart)
 
 

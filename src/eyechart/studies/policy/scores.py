@@ -16,7 +16,7 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.records import KeyedRecord
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import MOTION_READER
-from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.stats.statistic import ModelStatistics, Statistic, not_available
 from eyechart.stats.total_effect import share_difference
 from eyechart.studies.battery import require_requests, taken
 from eyechart.studies.policy.effects import Effects, statistics_of
@@ -69,13 +69,13 @@ class PolicyScore(KeyedRecord):
     def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the statistics of every policy on the bank."""
         short = {
-            spec: f"{one.answered} of {one.motions.planned} calls"
-            for spec, one in self.models.items()
-            if one.answered < one.motions.planned
+            spec: f"{model.answered} of {model.motions.planned} calls"
+            for spec, model in self.models.items()
+            if model.answered < model.motions.planned
         }
         return tuple(
-            ModelStatistics(spec, self.bank.name, one.statistics, short.get(spec, ""))
-            for spec, one in self.models.items()
+            ModelStatistics(spec, self.bank.name, model.statistics, short.get(spec, ""))
+            for spec, model in self.models.items()
         )
 
     def scope(self, spec: str) -> str:
@@ -116,7 +116,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
 
     With ``held``, a call whose request differs from the run's raises LedgerError.
     """
-    found: dict[str, PolicyResult] = {}
+    results: dict[str, PolicyResult] = {}
     with Ledger(ledger_path) as ledger:
         plan = drawn_of(ledger, manifest, bank)
         if held:
@@ -126,29 +126,29 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
             order = [sent.key for sent in ledger.attempts(spec)] if drawn else []
             motions = read_motions(ledger.replies(spec), plan, spec, order)
             statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec) and not drawn)
-            found[spec] = PolicyResult(spec, version, motions, drawn, statistics)
+            results[spec] = PolicyResult(spec, version, motions, drawn, statistics)
         accounting, guards = _took(ledger, manifest, plan, read_prices())
-    return PolicyScore(manifest, bank, found, accounting, guards)
+    return PolicyScore(manifest, bank, results, accounting, guards)
 
 
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
     supplied, lacking = conditions_of(found.bank, reading=False)
-    asked = MissingConditions(
+    missingconditions = MissingConditions(
         frozenset(supplied) - frozenset(found.manifest.conditions), lacking, found.manifest.bank_path
     )
     return {
         spec: judge_policy(
             spec,
-            one.statistics,
+            model.statistics,
             found.channels,
             scope=found.scope(spec),
-            missing=one.motions.missing,
-            left=one.motions.planned - one.motions.finished,
+            missing=model.motions.missing,
+            left=model.motions.planned - model.motions.finished,
             reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
-            asked=asked,
+            asked=missingconditions,
         )
-        for spec, one in found.models.items()
+        for spec, model in found.models.items()
     }
 
 
@@ -158,7 +158,7 @@ def judged_json(found: PolicyScore) -> dict[str, dict[str, object]]:
     With a single camera, its entry repeats the one of all cameras.
     """
     said = {spec: one.as_dict() for spec, one in judge(found).items()}
-    names = [one.name for one in found.bank.frames[0].cameras]
+    names = [camera.name for camera in found.bank.frames[0].cameras]
     for one in said.values() if len(names) == 1 else ():
         own = f"{CAMERA}{names[0]}"
         one["cameras"] = {names[0]: one["camera"]}
@@ -194,5 +194,5 @@ def difference(first: PolicyResult, second: PolicyResult, channel: str) -> Stati
     found = [Effects(one.motions, drawn=one.drawn).pairs(f"swapped@{channel}") for one in (first, second)]
     less, more = found
     if isinstance(less, str) or isinstance(more, str):
-        return cannot_say(next(one for one in found if isinstance(one, str)))
+        return not_available(next(one for one in found if isinstance(one, str)))
     return share_difference(less, more)

@@ -55,15 +55,15 @@ class Policies(FrameStudy[PolicyScore]):
     def findings(self, score: PolicyScore) -> Mapping[str, ModelSummary]:
         from eyechart.studies.policy.tables import mark
 
-        found = {}
+        result = {}
         for spec, one in judge(score).items():
             said, motions = mark(one.camera.label), score.models[spec].motions
             left = motions.planned - motions.finished
             state = f"unfinished: {motions.finished} of {motions.planned} calls" if left else ""
             guards = [f"{name}: {why}" for name, why in one.guards.items()]
             by, statistics = one.camera.by or _OPEN, score.models[spec].statistics
-            found[spec] = ModelSummary(said.text, said.tone, by, statistics.get(by), state, guards, one.answer)
-        return found
+            result[spec] = ModelSummary(said.text, said.tone, by, statistics.get(by), state, guards, one.answer)
+        return result
 
     def printed(self, score: PolicyScore) -> "Iterator[Table | str]":
         from eyechart.report.accounts import costs_table
@@ -82,8 +82,8 @@ class Policies(FrameStudy[PolicyScore]):
 
         verdicts = judge(score)
         yield tables.verdict_table(verdicts)
-        for spec, one in verdicts.items():
-            yield tables.deciding_table(spec, score.models[spec].statistics, one)
+        for spec, verdict in verdicts.items():
+            yield tables.deciding_table(spec, score.models[spec].statistics, verdict)
 
     def verdict_json(self, score: PolicyScore) -> Mapping[str, object]:
         return {"policies": judged_json(score)}
@@ -96,17 +96,17 @@ class Policies(FrameStudy[PolicyScore]):
         verdicts = judge(score)
         yield tables.verdict_table(verdicts)
         yield tables.channel_table(verdicts)
-        for spec, one in verdicts.items():
+        for spec, verdict in verdicts.items():
             yield Text(spec, style="bold")
-            yield from (f"  {name}: {why}" for name, why in one.guards.items())
-            for name, judged in one.axes.items() if not one.guards else ():
+            yield from (f"  {name}: {why}" for name, why in verdict.guards.items())
+            for name, judged in verdict.axes.items() if not verdict.guards else ():
                 yield f"  {name}: {judged.label}. {judged.because}"
                 yield from [f"    not more, because {judged.why_not}"] if judged.why_not else []
-            yield from (f"  ! {remark}" for remark in one.remarks)
-            yield f"  {one.scope}"
+            yield from (f"  ! {remark}" for remark in verdict.remarks)
+            yield f"  {verdict.scope}"
 
     def gate(self, score: PolicyScore, require: Sequence[str], **terms: Unpack[Terms]) -> Gate:
-        left = {spec: one.motions.planned - one.motions.finished for spec, one in score.models.items()}
+        left = {spec: model.motions.planned - model.motions.finished for spec, model in score.models.items()}
         return hold_policies(judge(score), require, left, score.guards, **terms)
 
     def course(self, scores: Sequence[PolicyScore], reading: ReadOptions) -> CheckpointSeries | None:

@@ -20,7 +20,7 @@ def mark(label: str) -> Mark:
 
 def verdict_table(verdicts: Verdicts) -> Table:
     """Return a policy a row, an axis a column."""
-    cameras = list(dict.fromkeys(name for one in verdicts.values() for name in one.cameras))
+    cameras = list(dict.fromkeys(name for verdict in verdicts.values() for name in verdict.cameras))
     named = [
         Column("policy", "word"),
         Column("camera", "word"),
@@ -29,13 +29,13 @@ def verdict_table(verdicts: Verdicts) -> Table:
     rows = [
         (
             spec,
-            mark(one.camera.label),
-            *(mark(one.cameras[name].label) if name in one.cameras else "—" for name in cameras),
-            mark(one.state.label),
-            mark(one.instruction.label),
-            ", ".join(one.guards),
+            mark(verdict.camera.label),
+            *(mark(verdict.cameras[name].label) if name in verdict.cameras else "—" for name in cameras),
+            mark(verdict.state.label),
+            mark(verdict.instruction.label),
+            ", ".join(verdict.guards),
         )
-        for spec, one in verdicts.items()
+        for spec, verdict in verdicts.items()
     ]
     rest = (Column("state", "word"), Column("instruction", "word"), Column("guards that failed"))
     return Table("policies", "what each channel is used for", (*named, *rest), tuple(rows))
@@ -43,33 +43,33 @@ def verdict_table(verdicts: Verdicts) -> Table:
 
 def channel_table(verdicts: Verdicts) -> Table:
     """Return the share of variation that goes with each channel, a policy a row."""
-    names = list(dict.fromkeys(name for one in verdicts.values() for name in one.channels))
+    names = list(dict.fromkeys(name for verdict in verdicts.values() for name in verdict.channels))
     rows = []
     for spec, one in verdicts.items():
         found = {} if one.guards else one.channels
         rows.append((spec, *(found.get(name) for name in names), _counts(found)))
     head = (Column("policy", "word"), *columns("estimate", *names), Column("n", "count"))
     note = "the share of the policy's own variation that goes with a channel of another episode; 98 % intervals"
-    if failed := [f"{spec} ({', '.join(one.guards)})" for spec, one in verdicts.items() if one.guards]:
+    if failed := [f"{spec} ({', '.join(verdict.guards)})" for spec, verdict in verdicts.items() if verdict.guards]:
         note = f"{note}; not computed where a guard failed: {', '.join(failed)}"
     return Table("channels", "how much each channel carries", head, tuple(rows), note)
 
 
 def _counts(channels: Mapping[str, Statistic]) -> str | int | None:
     """Return the number of frames of the shares; exceptions are listed."""
-    usual = Counter(one.n for one in channels.values()).most_common(1)
+    usual = Counter(channel.n for channel in channels.values()).most_common(1)
     if not usual:
         return None
-    other = [f"{name} {one.n}" for name, one in channels.items() if one.n != usual[0][0]]
+    other = [f"{name} {channel.n}" for name, channel in channels.items() if channel.n != usual[0][0]]
     return f"{usual[0][0]}; {', '.join(other)}" if other else usual[0][0]
 
 
 def statistics_table(score: PolicyScore) -> Table:
     """Return every statistic of every policy, a row each."""
     rows = [
-        (spec, name, *statistic_cells(one), one.note)
+        (spec, name, *statistic_cells(statistic), statistic.note)
         for spec, policy in score.models.items()
-        for name, one in policy.statistics.items()
+        for name, statistic in policy.statistics.items()
     ]
     head = (Column("policy", "word"), Column("statistic", "word"), *STATISTIC, Column("note"))
     return Table("statistics", "every statistic", head, tuple(rows))
@@ -77,7 +77,7 @@ def statistics_table(score: PolicyScore) -> Table:
 
 def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: PolicyVerdict) -> Table:
     """Return the at most five statistics that decided, or could have, each with its meaning."""
-    decided = [one.by for one in verdict.axes.values()]
+    decided = [axis.by for axis in verdict.axes.values()]
     there = [name for name in dict.fromkeys((*decided, *_MAIN)) if name in statistics][:_SHOWN]
     rows = []
     for name in there:
@@ -132,7 +132,7 @@ MEANINGS: Mapping[str, str] = {
 
 def meaning_table(score: PolicyScore) -> Table:
     """Return the meaning of each statistic of a run, a row each."""
-    names = dict.fromkeys(meant_by(name) for one in score.models.values() for name in one.statistics)
+    names = dict.fromkeys(meant_by(name) for model in score.models.values() for name in model.statistics)
     rows = tuple((name, MEANINGS[name]) for name in names if name in MEANINGS)
     note = "the name after @ is the exchanged channel or camera"
     return Table("meanings", "what each statistic is", (Column("statistic", "word"), Column("what it is")), rows, note)
@@ -146,7 +146,7 @@ def meant_by(name: str) -> str:
 def parts_table(score: PolicyScore) -> Table:
     """Return the share of every channel by dimension of the motion."""
     space = score.bank.manifest.motion
-    names = [] if space is None else [one.name for one in space.dimensions]
+    names = [] if space is None else [dimension.name for dimension in space.dimensions]
     rows: list[tuple[Cell, ...]] = [
         (*head, *(parts[part] for part in names)) for head, parts in _parts(score, "by_dimension", dict)
     ]

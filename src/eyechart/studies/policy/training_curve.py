@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from eyechart.errors import SpecError
 from eyechart.manifest import RunManifest
-from eyechart.records import JsonRecord, picked
+from eyechart.records import JsonRecord, to_json_fields
 from eyechart.report.table import STATISTIC as STATISTIC_COLUMNS
 from eyechart.report.table import Column, Table, columns, statistic_cells
 from eyechart.stats.resamples import holm
@@ -16,7 +16,7 @@ from eyechart.studies.policy.scores import PolicyResult, PolicyScore, difference
 from eyechart.studies.policy.tables import mark
 from eyechart.verdicts.labels import CAMERA
 from eyechart.verdicts.policy_verdict import PolicyVerdict
-from eyechart.verdicts.share_predicates import used
+from eyechart.verdicts.share_predicates import is_used
 
 ALPHA = 0.05
 """Level of the tests of difference, after Holm's correction over the channels of two policies."""
@@ -56,7 +56,7 @@ class TrainingCheckpoint:
             return None
         if not (label := CAMERA[self.verdict.camera.label]).is_open:
             return not label.is_absence
-        return True if used(self.verdict.channels.get("cameras")) else None
+        return True if is_used(self.verdict.channels.get("cameras")) else None
 
     @property
     def shares(self) -> Mapping[str, Statistic]:
@@ -65,7 +65,7 @@ class TrainingCheckpoint:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        shares = {name: picked(one, "T=value ci n") for name, one in self.verdict.channels.items()}
+        shares = {name: to_json_fields(channel, "T=value ci n") for name, channel in self.verdict.channels.items()}
         head = {"policy": self.policy.model, "version": self.policy.version, "step": self.step}
         return {**head, **self.labels, "guards": list(self.verdict.guards), "channels": shares}
 
@@ -114,12 +114,12 @@ class TrainingCurve:
     @property
     def replicated(self) -> bool:
         """Return whether no label changed and no share differs."""
-        return not any(one.labels or one.changed for one in self.changes)
+        return not any(change.labels or change.changed for change in self.changes)
 
     def says(self) -> Iterator[str]:
         """Yield a sentence for each change, and for a start or stop of looking."""
-        for one in self.changes:
-            yield f"{one.before} → {one.after}: {one.says()}"
+        for change in self.changes:
+            yield f"{change.before} → {change.after}: {change.says()}"
         for pair in self.compared if self.stepped else ():
             before, after = (one.looks for one in pair)
             if None not in (before, after) and before != after:
@@ -127,39 +127,39 @@ class TrainingCurve:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        changes = [{**one.as_dict(), "changed": list(one.changed)} for one in self.changes]
-        found = {"replicated": self.replicated, "policies": [one.as_dict() for one in self.checkpoints]}
+        changes = [{**change.as_dict(), "changed": list(change.changed)} for change in self.changes]
+        found = {"replicated": self.replicated, "policies": [checkpoint.as_dict() for checkpoint in self.checkpoints]}
         return {**found, "changes": changes, "says": list(self.says())}
 
     @property
     def stepped(self) -> bool:
         """Return whether every policy has a step, and not all the same one."""
-        return None not in (steps := {one.step for one in self.checkpoints}) and len(steps) > 1
+        return None not in (steps := {checkpoint.step for checkpoint in self.checkpoints}) and len(steps) > 1
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Return the channels for which any policy has a share."""
-        return tuple(dict.fromkeys(name for one in self.checkpoints for name in one.shares))
+        return tuple(dict.fromkeys(name for checkpoint in self.checkpoints for name in checkpoint.shares))
 
     def tables(self) -> list[Table]:
         """Return the tables of shares by checkpoint, and of changes between checkpoints."""
         rows = [
             (
-                one.policy.model,
-                one.step,
-                mark(", ".join(one.verdict.guards) or one.labels["camera"]),
-                *(one.shares.get(name) for name in self.channels),
+                checkpoint.policy.model,
+                checkpoint.step,
+                mark(", ".join(checkpoint.verdict.guards) or checkpoint.labels["camera"]),
+                *(checkpoint.shares.get(name) for name in self.channels),
             )
-            for one in self.checkpoints
+            for checkpoint in self.checkpoints
         ]
         head = (Column("policy", "word"), Column("step", "count"), Column("camera", "word"))
         shares = columns("estimate", *self.channels)
         note = "the share of a policy's own variation that goes with each channel; 98 % intervals"
         named = (*(Column(name, "word") for name in ("from", "to", "channel")), *STATISTIC_COLUMNS, Column("Holm", "p"))
         changed = tuple(
-            (one.before, one.after, name, *statistic_cells(apart), one.holm[name])
-            for one in self.changes
-            for name, apart in one.channels.items()
+            (change.before, change.after, name, *statistic_cells(apart), change.holm[name])
+            for change in self.changes
+            for name, apart in change.channels.items()
         )
         return [
             Table("course", "each channel's share, in order", (*head, *shares), tuple(rows), note),
@@ -181,41 +181,41 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
     "ckpt_20k"). Raises SpecError for fewer than two policies, for runs on different frames, or for
     a step of an unknown policy.
     """
-    found = [one for score in scores for one in _checkpoints(score, given or {})]
-    asked = {one.policy.model for one in found}
+    checkpoints = [checkpoint for score in scores for checkpoint in _checkpoints(score, given or {})]
+    asked = {checkpoint.policy.model for checkpoint in checkpoints}
     if unknown := [spec for spec in given or {} if spec not in asked]:
         raise SpecError(f"--step names '{unknown[0]}', but the policies of these runs are {', '.join(sorted(asked))}")
-    if len(found) < 2:
+    if len(checkpoints) < 2:
         raise SpecError("there is one policy, and nothing to compare it with; give a second run, or run several")
-    _require_same_frames(found)
-    compared = tuple(_compared(found, [list(score.models) for score in scores]))
-    return TrainingCurve(tuple(found), compared, tuple(_change(*two) for two in compared))
+    _require_same_frames(checkpoints)
+    compared = tuple(_compared(checkpoints, [list(score.models) for score in scores]))
+    return TrainingCurve(tuple(checkpoints), compared, tuple(_change(*two) for two in compared))
 
 
 def _compared(
-    found: list[TrainingCheckpoint], specs: Sequence[list[str]]
+    checkpoints: list[TrainingCheckpoint], specs: Sequence[list[str]]
 ) -> Iterator[tuple[TrainingCheckpoint, TrainingCheckpoint]]:
     """Sort the policies, and yield the pairs to compare; ``specs`` are those of each run."""
-    again = len(specs) > 1 and all(sorted(one) == sorted(specs[0]) for one in specs)
-    if all(one.step is not None for one in found):
-        found.sort(key=lambda one: one.step or 0)
+    again = len(specs) > 1 and all(sorted(spec) == sorted(specs[0]) for spec in specs)
+    if all(checkpoint.step is not None for checkpoint in checkpoints):
+        checkpoints.sort(key=lambda checkpoint: checkpoint.step or 0)
         again = False
     elif again:
-        found.sort(key=lambda one: specs[0].index(one.policy.model))
-    for one, other in pairwise(found):
+        checkpoints.sort(key=lambda checkpoint: specs[0].index(checkpoint.policy.model))
+    for one, other in pairwise(checkpoints):
         if not again or one.policy.model == other.policy.model:
             yield one, other
 
 
-def _require_same_frames(found: Sequence[TrainingCheckpoint]) -> None:
+def _require_same_frames(checkpoints: Sequence[TrainingCheckpoint]) -> None:
     """Raise SpecError if the policies have different frames or different definitions of a motion.
 
     Two banks with one fingerprint may define motions differently, as after imports with two
     ``--kind``.
     """
-    first = found[0].policy.motions.plan
-    for one in found[1:]:
-        plan, two = one.policy.motions.plan, f"{found[0].policy.model} and {one.policy.model}"
+    first = checkpoints[0].policy.motions.plan
+    for checkpoint in checkpoints[1:]:
+        plan, two = checkpoint.policy.motions.plan, f"{checkpoints[0].policy.model} and {checkpoint.policy.model}"
         same = plan.bank.manifest.fingerprint == first.bank.manifest.fingerprint
         if not same or [frame.id for frame in plan.frames] != [frame.id for frame in first.frames]:
             banks = "" if same else f": their banks are {first.bank.name} and {plan.bank.name}"
@@ -233,16 +233,16 @@ def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Trai
     are ``given`` and they are not.
     """
     try:
-        found = course_of(scores, given)
+        curve = course_of(scores, given)
     except SpecError:
         if given:
             raise
         return None
-    if given and not found.stepped:
-        without = [one.policy.model for one in found.checkpoints if one.step is None]
+    if given and not curve.stepped:
+        without = [checkpoint.policy.model for checkpoint in curve.checkpoints if checkpoint.step is None]
         lacking = f"{', '.join(without)} has no step" if without else "all policies have the same step"
         raise SpecError(f"--step gives no order, since {lacking}; give --step SPEC=N for each")
-    return found if found.stepped else None
+    return curve if curve.stepped else None
 
 
 def step_of(manifest: RunManifest, spec: str, given: Mapping[str, int]) -> int | None:
@@ -260,8 +260,8 @@ def step_of(manifest: RunManifest, spec: str, given: Mapping[str, int]) -> int |
 
 def _checkpoints(score: PolicyScore, given: Mapping[str, int]) -> Iterator[TrainingCheckpoint]:
     verdicts = judge(score)
-    for spec, one in score.models.items():
-        yield TrainingCheckpoint(one, verdicts[spec], step_of(score.manifest, spec, given))
+    for spec, model in score.models.items():
+        yield TrainingCheckpoint(model, verdicts[spec], step_of(score.manifest, spec, given))
 
 
 def _change(before: TrainingCheckpoint, after: TrainingCheckpoint) -> Change:

@@ -36,7 +36,9 @@ def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
 
 def _frame(run: Estimates) -> Frame:
     gap = run.score.bank.manifest.gap
-    return run.frames[0] if gap is None else min(run.frames, key=lambda one: (not gap.near(one), gap.of(one) == inf))
+    return (
+        run.frames[0] if gap is None else min(run.frames, key=lambda frame: (not gap.near(frame), gap.of(frame) == inf))
+    )
 
 
 def _drawn(frame: Frame, pixels: RGB, view: View) -> Drawing:

@@ -52,7 +52,7 @@ class FrameChecks:
         """Check a frame as a model sees it; return the safe action of its scene, if any."""
         self.frames += 1
         sides = (pixels, flip(pixels, axis))
-        shown, reflected = (np.ascontiguousarray(one if view is None else view.show(one)) for one in sides)
+        shown, reflected = (np.ascontiguousarray(side if view is None else view.show(side)) for side in sides)
         reading, mirrored = see(encode(shown)).reading, see(encode(reflected)).reading
         if reading is None:
             self._fail("renderer integrity: no road with a vehicle is seen")
@@ -185,9 +185,9 @@ def figures(
     axis = "vertical" if declared is None else declared.mirror_axis
     distances = distances_of("" if declared is None else declared.camera)
     frames = tuple(
-        Frame(step.frame, one.key.scenario, one.key.world, step.step, alone(axis), {}, step.truth)
-        for one in episodes
-        for step in one.steps
+        Frame(step.frame, episode.key.scenario, episode.key.world, step.step, alone(axis), {}, step.truth)
+        for episode in episodes
+        for step in episode.steps
     )
     gaps = [gap if isinstance(gap := frame.truth.get("lead_gap_m"), int | float) else np.inf for frame in frames]
     space = SCENES.by(manifest.reader).in_world(distances)

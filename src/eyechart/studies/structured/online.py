@@ -24,11 +24,11 @@ from eyechart.perception.forward import distances_of
 from eyechart.perception.view import View, find_view, view_for
 from eyechart.planned_run import Bar, RunAllowance, RunEnding
 from eyechart.prompts import scene_prompt
-from eyechart.records import JsonRecord, build, parse_json, picked, plain
+from eyechart.records import JsonRecord, build, parse_json, plain, to_json_fields
 from eyechart.run import Progress
 from eyechart.simulators import Simulator, open_simulator
 from eyechart.stats.agreement import rate
-from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.stats.statistic import ModelStatistics, Statistic, not_available
 from eyechart.studies.closed_loop import Drives, measured, read_drives, served_of
 from eyechart.studies.structured.observed_frames import FrameChecks, ObservedFrames, check_all, figures, read_seen
 from eyechart.studies.structured.plans import bound
@@ -60,7 +60,7 @@ class WorldCheck:
     unseen: int = 0
 
 
-def vet(simulator: Simulator, scenario: str, seed: int, view: View | None) -> WorldCheck:
+def check_world(simulator: Simulator, scenario: str, seed: int, view: View | None) -> WorldCheck:
     """Let the positive control drive in a world and check every frame of the drive.
 
     Renderer integrity: the picture fits the view, is not empty, and shows a road with the own
@@ -100,30 +100,30 @@ def vet_worlds(
     """
     simulator = open_simulator(name)
     share, rest = divmod(episodes, len(simulator.declared.scenarios))
-    found: list[WorldCheck] = []
+    checks: list[WorldCheck] = []
     for number, scenario in enumerate(simulator.declared.scenarios):
         wanted = share + (number < rest)
         for seed in range(_SEEDS_TRIED):
             if wanted == 0:
                 break
-            found.append(vet(simulator, scenario, seed, view))
-            wanted -= found[-1].why is None
+            checks.append(check_world(simulator, scenario, seed, view))
+            wanted -= checks[-1].why is None
             if progress is not None:
-                progress(sum(one.why is None for one in found), episodes)
+                progress(sum(check.why is None for check in checks), episodes)
         if wanted:
-            why = next(one.why for one in reversed(found) if one.why)
+            why = next(check.why for check in reversed(checks) if check.why)
             raise SpecError(
                 f"'{name}' has too few worlds of '{scenario}' that pass the checks, among seeds 0 to "
                 f"{_SEEDS_TRIED - 1}; the last failed at {why}"
             )
-    return tuple(found)
+    return tuple(checks)
 
 
 def write_vetting(out: Path, vetted: tuple[WorldCheck, ...]) -> None:
     """Write the vetted worlds and their results into the run's folder."""
     out.mkdir(parents=True, exist_ok=True)
     partial = out / f".{VETTING}"
-    partial.write_text(json.dumps([asdict(one) for one in vetted], indent=1) + "\n", encoding="utf-8")
+    partial.write_text(json.dumps([asdict(check) for check in vetted], indent=1) + "\n", encoding="utf-8")
     partial.replace(out / VETTING)
 
 
@@ -133,10 +133,10 @@ def read_vetting(out: Path) -> tuple[WorldCheck, ...] | None:
     if not file.is_file():
         return None
     with raising(LedgerError, f"{file} is no record of vetted worlds", of=(ValueError, RecursionError)):
-        found = build(tuple[WorldCheck, ...], parse_json(file.read_text(encoding="utf-8")))
-    if not any(one.why is None for one in found):
+        result = build(tuple[WorldCheck, ...], parse_json(file.read_text(encoding="utf-8")))
+    if not any(one.why is None for one in result):
         raise LedgerError(f"{file} is no record of vetted worlds: no world in it passed; choose another --out")
-    return found
+    return result
 
 
 EPISODES = 12
@@ -162,7 +162,9 @@ class OnlineRun(EpisodesRun):
 
     def lines(self, how: RunAllowance) -> Iterator[str]:
         """Yield the refused worlds, the number of episodes, and their expected cost."""
-        yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in self.vetted if one.why is not None)
+        yield from (
+            f"refused: {check.scenario}/{check.seed}: {check.why}" for check in self.vetted if check.why is not None
+        )
         yield f"view: {self.manifest.view}"
         yield f"{counted(len(self.keys), 'episode')} in worlds that pass the checks, {len(self.left())} to drive"
         yield from bound(self.manifest.modes.values())
@@ -210,10 +212,10 @@ def plan(
         return closed_loop.plan(setup, specs, out, seeds=seeds, prompt=prompt, view=shown)
 
     planned((0,))  # to report faults of the models or the folder before driving the worlds
-    kept = read_vetting(out)
-    vetted = kept or vetted or vet_worlds(setup.simulator, episodes, shown, progress)
-    worlds = [(one.scenario, one.seed) for one in vetted if one.why is None]
-    if kept and len(worlds) != episodes:
+    checks = read_vetting(out)
+    vetted = checks or vetted or vet_worlds(setup.simulator, episodes, shown, progress)
+    worlds = [(check.scenario, check.seed) for check in vetted if check.why is None]
+    if checks and len(worlds) != episodes:
         raise LedgerError(
             f"this run has {len(worlds)} worlds that passed, now {episodes} episodes were given; "
             "give the same options to resume it, or another --out for another run"
@@ -235,7 +237,7 @@ def check_seen(out: Path, progress: Progress | None = None) -> tuple[ObservedFra
     It replays the worlds and makes no call.
     """
     manifest = read_manifest(out)
-    episodes = [one for one in read_episodes(out) if one.ended != "error"]
+    episodes = [episode for episode in read_episodes(out) if episode.ended != "error"]
     return check_all(out, open_simulator(manifest.simulator), episodes, find_view(manifest.view), progress)
 
 
@@ -275,7 +277,7 @@ class OnlineScore:
     def left(self, spec: str) -> tuple[int, int]:
         """Return how many episodes an estimator finished, and how many were planned."""
         over = self.driven[spec]
-        return over.crash_rate.n + over.errors, sum(one.why is None for one in self.vetted)
+        return over.crash_rate.n + over.errors, sum(check.why is None for check in self.vetted)
 
     def frames(self, spec: str) -> tuple[bool | None, str]:
         """Return whether an estimator's frames all pass both checks, and why; None if unchecked."""
@@ -290,14 +292,14 @@ class OnlineScore:
 
     def evidence(self) -> dict[str, Evidence]:
         """Return the gate's evidence on every estimator; without frames no clause has a value."""
-        found = {}
+        result = {}
         for spec in self.manifest.models:
             one, guard = self.driven[spec], self.served.get(spec)
             steps = sum(one.decisions.values()) + one.fail_safe
-            nothing = dict.fromkeys(CLAUSES, cannot_say("the drives have no frame"))
+            nothing = dict.fromkeys(CLAUSES, not_available("the drives have no frame"))
             guards = () if guard is None else (guard,)
-            found[spec] = Evidence(spec, one.statistics or nothing, steps, steps, {}, guards)
-        return found
+            result[spec] = Evidence(spec, one.statistics or nothing, steps, steps, {}, guards)
+        return result
 
     def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the audit and the figures of every estimator in its simulator."""
@@ -310,9 +312,9 @@ class OnlineScore:
         """Return plain JSON values."""
         return {
             "study": "online",
-            **picked(self, "manifest.simulator prompt=manifest.prompt.key manifest.view"),
-            "worlds": [f"{one.scenario}/{one.seed}" for one in self.vetted if one.why is None],
-            "refused": {f"{one.scenario}/{one.seed}": one.why for one in self.vetted if one.why is not None},
+            **to_json_fields(self, "manifest.simulator prompt=manifest.prompt.key manifest.view"),
+            "worlds": [f"{check.scenario}/{check.seed}" for check in self.vetted if check.why is None],
+            "refused": {f"{check.scenario}/{check.seed}": check.why for check in self.vetted if check.why is not None},
             "models": {
                 spec: {**one.as_dict(), "clauses": plain(one.clauses), "frames_seen": self._said(spec)}
                 for spec, one in self.driven.items()
@@ -333,11 +335,11 @@ def score(path: Path) -> OnlineScore:
     if vetted is None:
         raise LedgerError(f"{path} holds no online run; 'eyechart run online' makes one")
     manifest, found = read_manifest(path), list(read_episodes(path))
-    passed = [one for one in vetted if one.why is None]
-    worlds = {(one.scenario, one.seed) for one in passed}
-    decisions = sum((Counter(one.actions) for one in passed), Counter[str]())
+    passed = [check for check in vetted if check.why is None]
+    worlds = {(check.scenario, check.seed) for check in passed}
+    decisions = sum((Counter(check.actions) for check in passed), Counter[str]())
     driven = {
-        CONTROL: OnlineResult(rate(sum(one.ended == "crash" for one in passed), len(passed)), dict(decisions), 0, 0)
+        CONTROL: OnlineResult(rate(sum(check.ended == "crash" for check in passed), len(passed)), dict(decisions), 0, 0)
     }
     with Ledger(path / LEDGER, absent=True) as ledger:
         replies = {spec: list(ledger.replies(spec)) for spec in manifest.models}
@@ -352,10 +354,10 @@ def score(path: Path) -> OnlineScore:
 
 
 def _driven(episodes: Sequence[Episode]) -> OnlineResult:
-    good = [one for one in episodes if one.ended != "error"]
-    taken = [step.decision.action for one in good for step in one.steps]
+    good = [episode for episode in episodes if episode.ended != "error"]
+    taken = [step.decision.action for episode in good for step in episode.steps]
     return OnlineResult(
-        crash_rate=rate(sum(one.crashed for one in good), len(good)),
+        crash_rate=rate(sum(episode.crashed for episode in good), len(good)),
         decisions=dict(Counter(action for action in taken if action is not None)),
         fail_safe=sum(action is None for action in taken),
         errors=len(episodes) - len(good),

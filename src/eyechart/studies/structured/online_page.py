@@ -41,10 +41,10 @@ def _said(of: str, score: OnlineScore) -> Iterator[VerdictSummary]:
     """Yield whether each estimator is admitted, and the clauses that it does not meet."""
     gate = hold_online(score)
     for spec in score.manifest.models:
-        mine = [one for one in gate.checks if one.model == spec and one.requirement != UNPARSED]
-        held = [one.holds for one in mine]
+        mine = [check for check in gate.checks if check.model == spec and check.requirement != UNPARSED]
+        held = [check.holds for check in mine]
         tone = "sees" if held and all(held) else "blind" if False in held else "open"
-        why = clauses_words((one.requirement, one.holds, one.because) for one in mine)
+        why = clauses_words((check.requirement, check.holds, check.because) for check in mine)
         yield VerdictSummary(f"{of}{spec}", _ANSWERS[tone][0], tone, why, place="first")
 
 
@@ -64,4 +64,6 @@ def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Dra
 def _lines(of: str, score: OnlineScore) -> Iterator[str]:
     """Yield the checks of each estimator's frames, and the refused worlds."""
     yield from (f"{of}{spec}: {score.frames(spec)[1]}." for spec in score.manifest.models)
-    yield from (f"{of}refused: {one.scenario}/{one.seed}: {one.why}" for one in score.vetted if one.why is not None)
+    yield from (
+        f"{of}refused: {check.scenario}/{check.seed}: {check.why}" for check in score.vetted if check.why is not None
+    )

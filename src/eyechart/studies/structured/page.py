@@ -57,7 +57,7 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
     tell("pictures")
     worst = {}
     for run in evidence:  # the frames with the worst estimates of all models together come first
-        every = [[weight(one.told, place) for place in range(len(run.frames))] for one in run.score.models.values()]
+        every = [[weight(model.told, place) for place in range(len(run.frames))] for model in run.score.models.values()]
         order = np.argsort(-np.sum(every, axis=0), kind="stable") if every else ()
         worst[run.name] = [int(place) for place in order]
     frames, notes = shown_frames(evidence, worst)
@@ -162,9 +162,9 @@ def _run(run: Estimates) -> dict[str, object]:
         "bank": run.score.bank,
         "guards": [(spec, guard) for spec, many in run.score.guards.items() for guard in many],
         "unfinished": [
-            f"{spec}: {one.answered} of {one.planned} calls are answered; the rest is missing from every figure"
-            for spec, one in run.score.models.items()
-            if one.answered < one.planned
+            f"{spec}: {model.answered} of {model.planned} calls are answered; the rest is missing from every figure"
+            for spec, model in run.score.models.items()
+            if model.answered < model.planned
         ],
     }
 
@@ -172,17 +172,17 @@ def _run(run: Estimates) -> dict[str, object]:
 def _card(who: EstimatorInRun) -> dict[str, Any]:
     score = who.model
     state = unfinished(score.answered, score.planned)
-    fails = [one.name for one in score.clauses if one.passes is False]
-    unsaid = [one.name for one in score.clauses if one.passes is None]
-    words = "meets every clause" if score.admitted else f"fails {', '.join(fails)}" if fails else "fails no clause"
+    fails = [clause.name for clause in score.clauses if clause.passes is False]
+    unsaid = [clause.name for clause in score.clauses if clause.passes is None]
+    words = "meets every clause" if score.is_admitted else f"fails {', '.join(fails)}" if fails else "fails no clause"
     if unsaid:
         words += f"; cannot say: {', '.join(unsaid)}"
-    why = clauses_words((one.name, one.passes, one.words) for one in score.clauses)
+    why = clauses_words((clause.name, clause.passes, clause.words) for clause in score.clauses)
     told = score.told
     return {
         "model": who.label,
         "version": score.version,
-        "admitted": score.admitted,
+        "admitted": score.is_admitted,
         "fails": fails,
         "state": state,
         "words": words,
@@ -239,7 +239,7 @@ def listed_frames(
 def _frame(run: Estimates, place: int) -> dict[str, object]:
     frame = run.frames[place]
     told = next(iter(run.score.models.values())).told
-    wrong = [spec for spec, one in run.score.models.items() if weight(one.told, place) >= _POINTED_OUT]
+    wrong = [spec for spec, model in run.score.models.items() if weight(model.told, place) >= _POINTED_OUT]
     return {
         "id": frame.id,
         "where": f"{frame.scenario}, episode {frame.episode}, step {frame.step}",
@@ -339,8 +339,8 @@ def _views(run: Estimates, frame: Frame) -> list[tuple[str, str]]:
         view = find_view(manifest.view)
     except EyechartError:
         view = None
-    found = []
+    views = []
     for condition, words in _VIEWS.items():
-        seen = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
-        found += [(words, view_uri(picture)) for picture in seen.images.values()]
-    return found
+        stimulus = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
+        views += [(words, view_uri(picture)) for picture in stimulus.images.values()]
+    return views

@@ -16,7 +16,7 @@ from eyechart.perception.view import NONE, view_for
 from eyechart.prompts import scene_prompt
 from eyechart.seeds import key_seed
 from eyechart.spaces.scene import SCENE_READER
-from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resumed
+from eyechart.studies.battery import Battery, open_models, open_whole, plan_of, resume_manifest
 
 ADMISSION, STRUCTURED = "admission", "structured"
 STUDIES = (ADMISSION, STRUCTURED)
@@ -65,7 +65,7 @@ def plan(
         view=NONE if shown is None else shown.key,
         frames=tuple(frame.id for frame in chosen),
     )
-    manifest = resumed(out, manifest, bank)
+    manifest = resume_manifest(out, manifest, bank)
     calls = plan_of(manifest, bank, models=tuple(models), conditions=CONDITIONS, limit=limit, view=shown)
     return Scenes(calls, models, manifest, out)
 

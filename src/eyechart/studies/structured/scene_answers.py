@@ -56,7 +56,7 @@ class SceneAnswers:
 
     def estimates(self, condition: str) -> tuple[Estimate | None, ...]:
         """Return the estimate of each frame, None where there is none."""
-        return tuple(None if one is None else one.action for one in self.replies_to(condition))
+        return tuple(None if reply is None else reply.action for reply in self.replies_to(condition))
 
     def replies_to(self, condition: str) -> tuple[SceneDecision | None, ...]:
         """Return the reply about each frame, None where there is none."""

@@ -17,7 +17,7 @@ from eyechart.spaces.scene import SCENE_READERS, SCENES, Estimate, SceneSpace
 from eyechart.stats.agreement import rate
 from eyechart.stats.episodes import mean_of_shares, share_over_episodes
 from eyechart.stats.jackknife import mean_over_episodes
-from eyechart.stats.statistic import ModelStatistics, Statistic, cannot_say
+from eyechart.stats.statistic import ModelStatistics, Statistic, not_available
 from eyechart.studies.battery import CallsScore, plan_of, require_requests, took_run
 from eyechart.studies.structured.plans import STUDIES
 from eyechart.studies.structured.scene_answers import Floats, Mask, SceneAnswers, read_told, scenes_of
@@ -61,8 +61,8 @@ class Figures:
         counted = "counted on the frames as they are"
         asked, also = self._asked.astype(np.float64), _given(self._mirrored).astype(np.float64)
 
-        def exchanged(one: Estimate, other: Estimate) -> bool:
-            return self._space.reflect(self._act(one)) == self._act(other)
+        def exchanged(estimate: Estimate, other: Estimate) -> bool:
+            return self._space.reflect(self._act(estimate)) == self._act(other)
 
         return {
             "parse": self._ratio(parsed.astype(np.float64) + also, 1.0 + asked),
@@ -101,12 +101,12 @@ class Figures:
         if episodes is None:
             return Statistic(k / n, n, note="the bank records no episodes: no interval", detail={"k": k})
         _, codes = np.unique(episodes[self._frames], return_inverse=True)
-        found = share_over_episodes(*(np.bincount(codes, weights=column) for column in (hits, among)))
-        return replace(rate(k, n), note=_ONE_EPISODE) if found.ci is None else found
+        statistic = share_over_episodes(*(np.bincount(codes, weights=column) for column in (hits, among)))
+        return replace(rate(k, n), note=_ONE_EPISODE) if statistic.ci is None else statistic
 
     def _balanced(self, right: Mask, close: Mask) -> Statistic:
         if not close.any() or close.all():
-            return cannot_say("one of the two classes is empty", len(close), "balanced accuracy")
+            return not_available("one of the two classes is empty", len(close), "balanced accuracy")
         episodes = self._how.episodes
         if episodes is None:
             value = float(right[close].mean() + right[~close].mean()) / 2
@@ -118,11 +118,11 @@ class Figures:
     def _gap_error(self) -> Statistic:
         """Return the gap's mean absolute error in metres, over leads in the picture."""
         if self._told.unit != "m":
-            return cannot_say(f"the bank's gap is in {self._told.unit}, and estimates are in metres")
+            return not_available(f"the bank's gap is in {self._told.unit}, and estimates are in metres")
         told = [-1.0 if one is None or one.gap_m is None else one.gap_m for one in self._real]
         given = self._told.visible[self._frames] & (np.array(told) >= 0)
         if not given.any():
-            return cannot_say("no estimate gives a gap for a lead that is in the picture")
+            return not_available("no estimate gives a gap for a lead that is in the picture")
         errors = np.where(given, np.abs(np.array(told) - np.where(given, self._told.gap_m[self._frames], 0.0)), 0.0)
         found = self._mean(np.column_stack([errors, given]))
         worst = float(errors.max())
@@ -145,7 +145,7 @@ class Figures:
 
 
 def _flags(estimates: list[Estimate | None], holds: Callable[[Estimate], bool]) -> Mask:
-    return np.array([one is not None and holds(one) for one in estimates], dtype=np.bool_)
+    return np.array([estimate is not None and holds(estimate) for estimate in estimates], dtype=np.bool_)
 
 
 def _given(estimates: list[Estimate | None]) -> Mask:
@@ -153,7 +153,7 @@ def _given(estimates: list[Estimate | None]) -> Mask:
 
 
 def _nothing() -> Statistic:
-    return cannot_say("no replies of this kind")
+    return not_available("no replies of this kind")
 
 
 @dataclass(frozen=True)
@@ -179,14 +179,14 @@ class EstimatorScore(KeyedRecord):
     clauses: tuple[ClauseResult, ...]
 
     @property
-    def admitted(self) -> bool:
+    def is_admitted(self) -> bool:
         """Return whether every planned call is answered and every clause is met."""
-        return self.answered >= self.planned and all(one.passes for one in self.clauses)
+        return self.answered >= self.planned and all(clause.passes for clause in self.clauses)
 
     @property
     def failed(self) -> frozenset[str]:
         """Return the names of the clauses that are not met."""
-        return frozenset(one.name for one in self.clauses if not one.passes)
+        return frozenset(clause.name for clause in self.clauses if not clause.passes)
 
 
 @dataclass(frozen=True)
@@ -214,10 +214,10 @@ class StructuredScore(KeyedRecord, CallsScore[EstimatorScore]):
             ModelStatistics(
                 spec,
                 self.bank.name,
-                one.statistics,
-                "" if one.answered >= one.planned else f"{one.answered} of {one.planned} calls",
+                model.statistics,
+                "" if model.answered >= model.planned else f"{model.answered} of {model.planned} calls",
             )
-            for spec, one in self.models.items()
+            for spec, model in self.models.items()
         )
 
     def evidence(self) -> dict[str, Evidence]:
@@ -225,13 +225,13 @@ class StructuredScore(KeyedRecord, CallsScore[EstimatorScore]):
         return {
             spec: Evidence(
                 model=spec,
-                statistics=one.statistics,
-                planned=one.planned,
-                answered=one.answered,
-                replies={"": one.told.reasons},
+                statistics=model.statistics,
+                planned=model.planned,
+                answered=model.answered,
+                replies={"": model.told.reasons},
                 guards=self.guards[spec],
             )
-            for spec, one in self.models.items()
+            for spec, model in self.models.items()
         }
 
 

@@ -42,23 +42,23 @@ class StructuredStudy(FrameStudy[StructuredScore]):
     refuses: ClassVar = {**NO_DRIVES, **dict.fromkeys(("verdict", "compare"), _NO_VERDICT)}
 
     def score(self, folder: Path, reading: ReadOptions) -> StructuredScore:
-        found = score(folder, reread=reading.reread)
+        result = score(folder, reread=reading.reread)
         if reading.prices is None:
-            return found
-        return replace(found, accounting=self.took_run(folder, reading.prices).accounts)
+            return result
+        return replace(result, accounting=self.took_run(folder, reading.prices).accounts)
 
     def findings(self, score: StructuredScore) -> Mapping[str, ModelSummary]:
-        found = {}
-        for spec, one in score.models.items():
-            state = unfinished(one.answered, one.planned)
-            found[spec] = _finding(one.statistics, state, score.marks(spec))
-        return found
+        result = {}
+        for spec, model in score.models.items():
+            state = unfinished(model.answered, model.planned)
+            result[spec] = _finding(model.statistics, state, score.marks(spec))
+        return result
 
     def printed(self, score: StructuredScore) -> "Iterator[Table | str]":
         from eyechart.report.table import marked
         from eyechart.studies.structured import tables
 
-        everyone = [(spec, one, score.marks(spec)) for spec, one in score.models.items()]
+        everyone = [(spec, model, score.marks(spec)) for spec, model in score.models.items()]
         yield tables.controller_table(everyone)
         yield from (line for spec in score.models for line in marked(spec, score.marks(spec)))
         for table in tables.clauses_table(everyone).split():
@@ -136,12 +136,12 @@ class OnlineStudy(EpisodeStudy[online.OnlineScore]):
         return hold_online(score, require, **terms)
 
     def findings(self, score: online.OnlineScore) -> Mapping[str, ModelSummary]:
-        found = {}
+        result = {}
         for spec in score.manifest.models:
             seen, why = score.frames(spec)
             state = unfinished(*score.left(spec), "episodes") or ("" if seen else why)
-            found[spec] = _finding(score.driven[spec].statistics, state)
-        return found
+            result[spec] = _finding(score.driven[spec].statistics, state)
+        return result
 
     def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[online.OnlineScore, StudyReport]:
         return online.score(folder), self.report([folder], [], reading, tell)
@@ -167,4 +167,6 @@ class OnlineStudy(EpisodeStudy[online.OnlineScore]):
         yield online_table(score)
         yield met_table(score)
         yield from (f"{spec}: {score.frames(spec)[1]}" for spec in score.manifest.models)
-        yield from (f"refused: {one.scenario}/{one.seed}: {one.why}" for one in score.vetted if one.why is not None)
+        yield from (
+            f"refused: {check.scenario}/{check.seed}: {check.why}" for check in score.vetted if check.why is not None
+        )

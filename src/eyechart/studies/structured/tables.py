@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, stacked, statistic_cells
+from eyechart.report.table import MARK, STATISTIC, Cell, Column, Mark, Table, columns, stack_tables, statistic_cells
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery import CallsScore
 from eyechart.studies.battery.subjects import ModelInRun, RunEvidence
@@ -56,7 +56,7 @@ def controller_table(everyone: Sequence[ScoredEstimator]) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for label, score, fails in everyone:
         found, left = score.statistics, score.planned - score.answered
-        admitted = Mark(*(("yes", "good") if score.admitted else ("no", "bad")), MARK if fails else "")
+        admitted = Mark(*(("yes", "good") if score.is_admitted else ("no", "bad")), MARK if fails else "")
         unfinished = f"{left} of {score.planned} calls" if left > 0 else None
         rows.append((label, *(found[name] for name in _ROW.values()), found["swap_rate"].n, admitted, unfinished))
     named = (Column("estimator"), *columns("estimate", *_ROW), Column("turns", "count"), Column("admitted", "word"))
@@ -72,7 +72,7 @@ def paper_tables(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Iterator[T
     The swap rate's denominator stands in parentheses.
     """
     whole, admission = (
-        {name: one for name, one in scores.items() if (one.manifest.study == ADMISSION) is small}
+        {name: score for name, score in scores.items() if (score.manifest.study == ADMISSION) is small}
         for small in (False, True)
     )
     if whole:
@@ -85,30 +85,30 @@ def _estimators(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
     """Return a row per estimator in the paper's form; the caption gives the number of pairs."""
     form = (Column(name, "estimate", beside="n" if name == "swap" else "") for name in _ROW)
     named = (Column("estimator"), *form)
-    models = {name: one.models for name, one in scores.items()}
+    models = {name: score.models for name, score in scores.items()}
     found = {
         name: Table("", "static", named, tuple(_figures(*each) for each in held.items()), about=CONTROLLERS)
         for name, held in models.items()
     }
     counts = [one.statistics["scene_equivariance"].n for held in models.values() for one in held.values()]
-    return stacked(found).counted(counts, "pairs", "of original and mirror per estimator")
+    return stack_tables(found).counted(counts, "pairs", "of original and mirror per estimator")
 
 
 def _admitted(scores: Mapping[str, CallsScore[EstimatorScore]]) -> Table:
     """Return `_estimators` with admission, and the clauses that fail or cannot be said."""
-    made = _estimators(scores)
-    every = [one for run in scores.values() for one in run.models.values()]
+    table = _estimators(scores)
+    every = [model for run in scores.values() for model in run.models.values()]
     rows = tuple(
-        (*row, "yes" if one.admitted else "no", "; ".join(_held_words(one.clauses)) or "all hold")
-        for row, one in zip(made.rows, every, strict=True)
+        (*row, "yes" if model.is_admitted else "no", "; ".join(_held_words(model.clauses)) or "all hold")
+        for row, model in zip(table.rows, every, strict=True)
     )
-    return replace(made, columns=(*made.columns, Column("admitted", "word"), Column("clauses")), rows=rows)
+    return replace(table, columns=(*table.columns, Column("admitted", "word"), Column("clauses")), rows=rows)
 
 
 def _held_words(clauses: Iterable[ClauseResult]) -> Iterator[str]:
-    for one in clauses:
-        if one.passes is not True:
-            yield f"{one.name} {'fails' if one.passes is False else 'cannot be said'}"
+    for clause in clauses:
+        if clause.passes is not True:
+            yield f"{clause.name} {'fails' if clause.passes is False else 'cannot be said'}"
 
 
 def _figures(spec: str, score: EstimatorScore) -> tuple[Cell, ...]:
@@ -134,7 +134,7 @@ def _clause_words(name: str, because: str) -> str:
 
 def clauses_table(everyone: Sequence[ScoredEstimator]) -> Table:
     """Return one row per clause: what it needs, its value, and pass or fail."""
-    held = ((label, one) for label, score, _ in everyone for one in score.clauses)
+    held = ((label, clause) for label, score, _ in everyone for clause in score.clauses)
     return _held_table("clauses", "The clauses of admission, checked for each estimator", held)
 
 
@@ -170,7 +170,7 @@ def figures_table(everyone: Sequence[ScoredEstimator]) -> Table:
 
 def online_table(score: OnlineScore) -> Table:
     """Return one row per estimator: its crash rate, its decisions, and the steps without one."""
-    actions, passed = score.manifest.action_space.actions, sum(one.why is None for one in score.vetted)
+    actions, passed = score.manifest.action_space.actions, sum(check.why is None for check in score.vetted)
     worlds = f"{passed} of {len(score.vetted)} worlds pass the checks"
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
@@ -191,7 +191,7 @@ def online_table(score: OnlineScore) -> Table:
 
 def met_table(score: OnlineScore) -> Table:
     """Return one row per clause of admission, over the frames of an estimator's online drives."""
-    held = ((spec, one) for spec, driven in score.driven.items() for one in driven.clauses)
+    held = ((spec, clause) for spec, driven in score.driven.items() for clause in driven.clauses)
     return _held_table("met", "The clauses of admission, checked on the frames of each estimator's drives", held)
 
 
@@ -213,7 +213,7 @@ def crashes_table(scores: Mapping[str, OnlineScore]) -> Table:
                 rows.append((POSITIVE, one.crash_rate))
         named = (Column("estimator"), Column("crash", "estimate", beside=""))
         found[name] = Table("", "online", named, tuple(rows), about=CONTROLLERS)
-    table = stacked(found)
+    table = stack_tables(found)
     counts = [row[1].n if isinstance(row[1], Statistic) else None for row in table.rows]
     return table.counted(counts, "episodes", "per estimator").labelled("t:controller-local")
 
@@ -221,7 +221,7 @@ def crashes_table(scores: Mapping[str, OnlineScore]) -> Table:
 def reading_words(score: EstimatorScore) -> list[str]:
     """Return in words whether a model is admitted, and its missing and repaired estimates."""
     partial = "" if score.answered >= score.planned else f"; {score.answered} of {score.planned} calls are answered"
-    lines = [f"{score.model}: {'admitted' if score.admitted else 'not admitted'}{partial}"]
+    lines = [f"{score.model}: {'admitted' if score.is_admitted else 'not admitted'}{partial}"]
     for what, counts in (("no estimate", score.told.reasons), ("repaired", score.told.repairs)):
         if counts:
             lines.append(f"{what}: " + ", ".join(f"{name} {count}" for name, count in counts.items()))
