@@ -1,0 +1,91 @@
+"""Names: a class stands once, a module is a noun, and neither has one of the words that nobody outside knows."""
+
+import ast
+import re
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+
+SOURCE = Path(__file__).parents[1] / "src" / "eyechart"
+
+STAY = {"testing.py", "importing", "verdicts/ruling.py"}
+"""Names in -ing that are nouns: two that users know, and a ruling."""
+
+PRIVATE_CLASSES = """
+About Added Addressing Again Ahead Allowed Answered Asked Asking AtMost Beside Blind Brought
+Built Calibrated Calling Closed Coded Comparing Costing Counted Course Declared Derived
+Described Discordant Drawn Driven Driving Early Embedded Ended Exchanged Extent Failure
+Finding First Followed Found Frozen Full Given HalfBlind Halting Held How HowTold InStages
+Judged Kept Known Lacking Later Left Loading Logged Looking Made Making Measured Met Mirrored
+Misfit Moved Nested OfEpisodes OfFrames OfModel OnePolicy Online Opened Opening Other Packed
+Paired Pictured Placed Plain Planned Planning Printed Published Read Recorded Reflected
+Refused Remembering Rig Ruled Rung Said Same Scored Seen Sent Served Shared Shown Shows Sized
+Speaker Spending Spent Stated Staying Stopped Streamed Structured Told Took Tried Twins
+Unfinished Unobserved Unpacked Unread Unseen Use Usual Vetted Walk Wanted Who Wish Wording
+Written
+"""
+"""Participles and riddles that were names of classes or of types."""
+
+PRIVATE_MODULES = """
+asked axes beside committee course described drawn early elsewhere flips guessing identical
+known life logged loops notes patterns plain planned probed published reels seen sight stated
+told uses wanted whole
+"""
+"""Participles and riddles that were names of modules."""
+
+
+@cache
+def types() -> dict[str, list[str]]:
+    """Return where each class of the source is defined, inside another one or a function too."""
+    found = defaultdict(list)
+    for path in sorted(SOURCE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                found[node.name].append(path.relative_to(SOURCE).as_posix())
+    return dict(found)
+
+
+def aliases() -> dict[str, str]:
+    """Return where the names of types are given that are no class: assignments at the top of a module."""
+    found = {}
+    for path in sorted(SOURCE.rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            for target in node.targets if isinstance(node, ast.Assign) else ():
+                if isinstance(target, ast.Name) and re.match(r"_?[A-Z]\w*[a-z]", target.id):
+                    found[target.id] = path.relative_to(SOURCE).as_posix()
+    return found
+
+
+def modules() -> list[Path]:
+    """Return the modules and packages of the source."""
+    return [path for path in sorted(SOURCE.rglob("*")) if path.suffix == ".py" or (path / "__init__.py").is_file()]
+
+
+def test_a_class_name_stands_once() -> None:
+    """One name means one thing, so that a reader who finds it knows what it is."""
+    assert len(types()) > 500
+    assert {name: places for name, places in types().items() if len(places) > 1} == {}
+
+
+def test_a_class_is_called_by_what_it_is() -> None:
+    """Neither a participle alone nor a riddle, public or private; a name of a type is none either."""
+    named = {**aliases(), **{name: places[0] for name, places in types().items()}}
+    private = {name: place for name, place in named.items() if name.lstrip("_") in PRIVATE_CLASSES.split()}
+    assert private == {}
+
+
+def test_a_class_is_no_lone_word_in_ing() -> None:
+    """What is done to a thing is a function; ``Reading`` is what a rule reads, ``Drawing`` a figure."""
+    words = {name for name in types() if re.fullmatch(r"_?[A-Z][a-z]*ing", name)}
+    assert words == {"Drawing", "Reading", "Resampling", "Ruling", "Setting"}
+
+
+def test_a_module_is_a_noun() -> None:
+    """No module is a word in -ing but those that users know."""
+    found = {path.relative_to(SOURCE).as_posix() for path in modules() if path.stem.endswith("ing")}
+    assert found == STAY
+
+
+def test_a_module_is_called_by_what_it_holds() -> None:
+    """Neither a participle alone nor a riddle."""
+    assert {path.relative_to(SOURCE).as_posix() for path in modules() if path.stem in PRIVATE_MODULES.split()} == set()
