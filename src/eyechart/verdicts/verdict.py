@@ -115,6 +115,11 @@ class Verdict(KeyedRecord):
         return tuple(guard.mark for guard in self.failed if not (says_so and guard.name == "degeneracy"))
 
     @property
+    def agreeing(self) -> tuple[str, ...]:
+        """Return the other marks: guards that failed on what the verdict says."""
+        return tuple(mark for mark in self.marks if mark not in self.doubts)
+
+    @property
     def measures(self) -> dict[str, str]:
         """Return in words the holes, what is not excluded, and a number of each kind."""
         said = {
@@ -164,8 +169,7 @@ class Verdict(KeyedRecord):
         }
         first = (*self.doubts, ruling.reason)
         said = " ".join((*(f"{one[:1].upper()}{one[1:]}." for one in first), self.trust))
-        agreeing = (mark for mark in self.marks if mark not in self.doubts)
-        small = (*agreeing, *self.notes, self.scope)
+        small = (*self.agreeing, *self.notes, self.scope)
         return card(self.model, self.answer, self.headline, said, rows, small)
 
 
