@@ -89,7 +89,7 @@ class Diagnosis:
             "same_reply": {"same": same, "of": of},
             "schema": to_json_fields(self, "binds=schema_binds because=schema_says"),
             "budget": to_json_fields(self, "enough=budget_enough because=budget_says"),
-            "cache": to_json_fields(self.sight, "by_words=cached_by_words repeats_at_once=sudden"),
+            "cache": to_json_fields(self.sight, "by_words=cached_by_words repeats_at_once=is_sudden"),
             "replies": [
                 to_json_fields(shot, "question.kind right=question.answer said")
                 | {"text": shot.reply.text[:500]}

@@ -165,7 +165,7 @@ class EstimatorScore(KeyedRecord):
     """
 
     written = (
-        "version planned answered admitted clauses unread=told.reasons repairs=told.repairs statistics "
+        "version planned answered admitted=is_admitted clauses unread=told.reasons repairs=told.repairs statistics "
         "before_collision=before"
     )
 
