@@ -122,7 +122,7 @@ def test_a_callable_of_a_notebook_that_was_changed_is_another_version(bank: Fram
     again = of_a_notebook(f"\n\n{code}")
     assert run_battery(bank, again, tmp_path / "run", limit=1).verdicts == report.verdicts
     assert again.__globals__["asked"] == []  # type: ignore[attr-defined]
-    with pytest.raises(LedgerError, match=r"asked python:cell:f at version .*, which is now .*; give another out"):
+    with pytest.raises(LedgerError, match=r"asked python:cell:f at version .*, which is now .*: give another out"):
         run_battery(bank, of_a_notebook(code.replace("STOP", "SLOW")), tmp_path / "run", limit=1)
 
 

@@ -552,7 +552,7 @@ def larger(folder: Path, lines: Rows) -> None:
 
 def repeated(bank: FrameBank) -> list[str]:
     """Return what the import says of episodes that are others again."""
-    return [line for line in taken(bank) if " again" in line]
+    return [line for line in taken(bank) if " repeat" in line]
 
 
 @pytest.mark.parametrize(

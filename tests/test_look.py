@@ -343,7 +343,7 @@ def test_a_look_says_what_was_looked_for(here: Path) -> None:
     assert f"no my_robot.py lies in {here}, and none is installed" in said
     assert "did you mean 'scripted'" in str(look("scriptd:depth").exception)
     (here / "t.csv").write_text("file\n")
-    assert "photos is no folder, and the pictures" in str(
+    assert "photos is not a folder; give the folder of the pictures" in str(
         look("scripted:depth", "--photos", "photos", "--table", "t.csv").exception
     )
 

@@ -19,8 +19,8 @@ FORMATS = {"format", "format_map"}
 OWN = {
     "compare.py: both.format",
     "verdicts/depth.py: clause.but.format",
+    "verdicts/rules.py: _NEEDS.get((reads, holds), '').format",
     "verdicts/rules.py: says.format",
-    "verdicts/ruling.py: self.says.format",
     "studies/battery/evidence.py: fewer.format",
     "studies/battery/figures.py: words.format",
     "studies/battery/evidence.py: more.format",

@@ -111,7 +111,7 @@ def test_a_pipe_in_a_bank_is_refused_in_words(name: str, tmp_path: Path) -> None
     build_bank(tmp_path / "bank", episodes=1)
     in_its_place(tmp_path / "bank" / name)
     begun = time.monotonic()
-    with pytest.raises(BankError, match="cannot be read: a pipe or a device is no file"):
+    with pytest.raises(BankError, match="cannot be read: a pipe or a device is not a file"):
         open_bank(tmp_path / "bank")
     assert time.monotonic() - begun < 5
 

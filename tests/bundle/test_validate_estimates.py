@@ -112,5 +112,5 @@ def test_a_run_under_another_reader_is_refused_without_reread(
     """As the score refuses it."""
     run: Callable[..., object] = write_bundle
     monkeypatch.setattr("eyechart.studies.structured.scores.SCENE_READERS", (99,))
-    with pytest.raises(LedgerError, match="begun under version"):
+    with pytest.raises(LedgerError, match="was started with version"):
         run(packed.parent / "run", tmp_path / "x.zip")

@@ -43,12 +43,12 @@ WITHOUT = {"paper-rules.md", "README.md", "model-organisms.md"}
 """Documents that show what our own runs print, beside the paper's rules."""
 OURS = {
     "src/eyechart/spaces/scene.py": "eyechart's values, for 20 to 30 m/s and centre to centre",
-    "src/eyechart/frames/nouns.py": "that it is centre to centre is ours",
-    "src/eyechart/simulators/__init__.py": "STOP under the model-predictive controller is ours",
+    "src/eyechart/frames/nouns.py": "centre to centre is eyechart's choice",
+    "src/eyechart/simulators/__init__.py": "is eyechart's own choice",
     "src/eyechart/prompts.py": "and prints none; the wording and the sixth are eyechart's",
     "docs/statistics.md": "a cut that is ours",
     "docs/verdicts.md": "The cuts are ours, because it prints none: the level of .05, the 20 %",
-    "src/eyechart/studies/battery/paper_statistics.py": "which is ours: the paper prints none",
+    "src/eyechart/studies/battery/paper_statistics.py": "our choice, because the paper prints none",
     "src/eyechart/verdicts/paper.py": "The level is ours: the paper prints none",
     "src/eyechart/verdicts/labels.py": "The cut is ours; no model of the paper comes near",
     "src/eyechart/simulators/highway/drives.py": "The paper does not say how its bank was driven",

@@ -83,9 +83,9 @@ def test_the_positive_control_does_by_its_eyes_what_the_truth_demands() -> None:
     [
         ("pilot", DRIVING, "unknown policy 'pilot'; known are constant, random, marginal, oracle"),
         ("constant:JUMP", DRIVING, "one of STOP, SLOW, STRAIGHT, LEFT, RIGHT"),
-        ("random:2", DRIVING, "stands alone"),
+        ("random:2", DRIVING, "takes nothing after its name"),
         ("marginal:", DRIVING, "the folder of a run"),
-        ("marginal:crazy", DRIVING, "none of STOP, SLOW, STRAIGHT, LEFT, RIGHT: JUMP"),
+        ("marginal:crazy", DRIVING, "other than STOP, SLOW, STRAIGHT, LEFT, RIGHT: JUMP"),
         ("marginal:empty", DRIVING, "no decision"),
         ("oracle", GO, "drives with SLOW, STRAIGHT, LEFT, RIGHT"),
     ],

@@ -50,7 +50,7 @@ def test_a_world_that_does_not_tell_its_tracks_is_refused_by_name() -> None:
     """As is a name after it, and a policy that is none."""
     with pytest.raises(SpecError, match="'route' needs a simulator that tells track, free_left_m"):
         open_policy("route", DRIVING, lambda _: {}).decide(observed({"lead_gap_m": 3.0}))
-    with pytest.raises(SpecError, match="policy 'route' stands alone"):
+    with pytest.raises(SpecError, match="policy 'route' takes nothing after its name"):
         open_policy("route:far", DRIVING, lambda _: {})
     with pytest.raises(SpecError, match="unknown policy 'nobody'"):
         open_policy("mirrored:nobody", DRIVING, lambda _: {})

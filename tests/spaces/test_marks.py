@@ -237,7 +237,7 @@ def test_a_name_may_be_a_number_with_its_sign(names: tuple[str, ...]) -> None:
 @pytest.mark.parametrize("names", [("1", "+1"), ("1", "1.0"), ("-0", "0")])
 def test_two_names_of_one_number_are_refused(names: tuple[str, ...]) -> None:
     """Nobody could tell which was meant."""
-    with pytest.raises(SpecError, match="one number"):
+    with pytest.raises(SpecError, match="are the same number"):
         Discrete("own", names, (), (), ())
 
 

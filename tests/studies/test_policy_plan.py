@@ -101,7 +101,7 @@ def test_labels_are_reachable_where_the_bank_can_show_them(tmp_path: Path) -> No
     assert "object_grounded" in reachable(table)
     few = arm_bank(tmp_path / "few", episodes=5)
     assert reachable(few) == ()
-    assert "6 are the least" in unreachable(few)["camera_content"]
+    assert "at least 6 are needed" in unreachable(few)["camera_content"]
     arm = arm_bank(tmp_path / "arm", tasks=("go",), length=10, episodes=16)
     assert set(unreachable(arm)) == {"object_grounded", "instruction_followed", "instruction_ignored"}
     assert 0 < matches(arm)["cameras"] <= len(arm)

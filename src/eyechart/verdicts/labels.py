@@ -13,7 +13,10 @@ FLOOR = 0.2
 """``self_inconsistent`` needs a lower bound of s above this, and a kappa of repeats below it."""
 
 SWAP_RATE = 0.5
-"""From this mirror swap rate on directions count as exchanged. The cut is ours."""
+"""From this mirror swap rate on directions count as exchanged.
+
+The cut is ours; no model of the paper comes near.
+"""
 
 ONE_SIDED_FROM = 8
 """So many turns of one direction, and none of another, are ``one_sided``."""

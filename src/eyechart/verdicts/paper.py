@@ -13,7 +13,8 @@ from eyechart.verdicts.rules import Axis, NamedStatistics, Rule, compared, missi
 from eyechart.verdicts.ruling import Ruling, and_p, figures, number
 
 PAPER_ALPHA = 0.05
-"""Below this p a test counts. The level is ours: the paper calls .041 significant and .120 not."""
+"""Below this p a test counts. The level is ours: the paper prints none. It calls .041 significant,
+and .120 not."""
 PAPER_UNPARSED = 0.20
 """Above this unparsed rate over all calls the rules do not score. The cut is ours: any in (.05,
 .28) gives the five verdicts of Table t:frontier.

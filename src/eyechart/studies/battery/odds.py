@@ -28,7 +28,8 @@ from eyechart.verdicts import ALPHA, BOUND_ALPHA, MARGIN
 from eyechart.verdicts.depth import DEPTH
 
 NOISE = 0.11
-"""The default noise floor: near the median of the paper's hosted models, .125."""
+"""The noise floor that is planned for without a given one: near the median of the paper's hosted
+models, .125."""
 
 READS = (0.3, 1.0)
 """The shares of the frames on which the drawn readers of distance read it."""
