@@ -651,7 +651,7 @@ def test_repeats_that_are_wanted_are_kept_with_a_warning(tmp_path: Path) -> None
         assert pairs == [("2b", "2"), ("5b", "5")]
         (said,) = repeated(bank)
         assert said in result.stderr.splitlines()
-        assert said.startswith("warning: 2 episodes repeat others: " if keep else "2 episodes are others again: ")
+        assert said.startswith("warning: 2 episodes repeat others: " if keep else "2 episodes repeat others: ")
         assert said.endswith(
             "kept, as --keep-repeats says, and counted twice" if keep else "--keep-repeats imports them"
         )

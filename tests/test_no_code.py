@@ -18,9 +18,7 @@ FORMATS = {"format", "format_map"}
 """What runs a template, whose fields may ask for members, items and any width."""
 OWN = {
     "compare.py: both.format",
-    "verdicts/depth.py: clause.but.format",
     "verdicts/rules.py: _NEEDS.get((reads, holds), '').format",
-    "verdicts/rules.py: says.format",
     "studies/battery/evidence.py: fewer.format",
     "studies/battery/figures.py: words.format",
     "studies/battery/evidence.py: more.format",

@@ -17,12 +17,12 @@ _DESCRIPTIONS = ("task_description", "coarse_action")
 """The ends of the names of GR00T's annotations that are instructions; others grade the episode."""
 
 
-class _Episode(msgspec.Struct, frozen=True):
+class _EpisodeLine(msgspec.Struct, frozen=True):
     episode_index: Count
     length: Count | None = None
 
 
-class _Task(msgspec.Struct, frozen=True):
+class _TaskLine(msgspec.Struct, frozen=True):
     task_index: Count
     task: str
 
@@ -51,7 +51,7 @@ class EpisodeFiles(DataSetLayout):
         Raises SourceError for a faulty line, or an episode with two different lengths.
         """
         path, lengths = self.root / self.EPISODES, dict[int, int | None]()
-        for line in self._lines(self.EPISODES, _Episode):
+        for line in self._lines(self.EPISODES, _EpisodeLine):
             once(lengths, line.episode_index, line.length, f"{path}: the length of episode {line.episode_index}")
         if not lengths:
             raise SourceError(f"{path} has no episode: is the data set complete?")
@@ -67,7 +67,7 @@ class EpisodeFiles(DataSetLayout):
     def tasks(self) -> dict[int, str]:
         """Return the words of each task; empty without their file."""
         result: dict[int, str] = {}
-        for line in self._lines(self.TASKS, _Task):
+        for line in self._lines(self.TASKS, _TaskLine):
             if not is_nothing(line.task):
                 where = f"{self.root / self.TASKS}: the words of task {line.task_index}"
                 once(result, line.task_index, line.task, where)
