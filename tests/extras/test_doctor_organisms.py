@@ -14,7 +14,7 @@ def test_an_organism_is_not_called_blind_for_answering_nothing_else(name: str) -
     found = doctor(RequestMode(f"hf:organism:{name}", temperature=None))
     assert (found.outcome, found.exit_code) == ("cannot_say", 2)
     assert "14 of 14 replies name none of the choices" in found.causes[0]
-    assert "a picture adds 7 tokens" in found.causes[0]
+    assert "A picture adds 7 tokens" in found.causes[0]
     assert (found.sight.same, found.budget_enough, found.schema_binds) == ((3, 3), True, None)
     assert found.spent.calls == 19
 
