@@ -22,7 +22,7 @@ from eyechart.perception.renderer import HighwayReading
 from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.banks import BOXED, BankMaker, Moment
 from eyechart.simulators.road import staged_moments
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
 from newcomers import Painted, paint
 
 Ints = NDArray[np.int64]
@@ -134,10 +134,10 @@ def simulated() -> Pictures:
     return result
 
 
-def _put(one: HighwayReading, lead_m: float, beside: OtherVehicle | None = None) -> Seen:
+def _put(one: HighwayReading, lead_m: float, beside: Other | None = None) -> Seen:
     """Return a frame with its lead at a distance, and a vehicle beside in the place of those that there are."""
     others = [other for other in one.others if other.aside_m and (beside is None or other.aside_m != beside.aside_m)]
-    others += [OtherVehicle(lead_m, 0.0), *([] if beside is None else [beside])]
+    others += [Other(lead_m, 0.0), *([] if beside is None else [beside])]
     left, right = (
         not any(-CLEAR_BEHIND_M <= it.ahead_m <= CLEAR_AHEAD_M for it in others if it.aside_m * side > 0)
         for side in (-1, 1)
@@ -148,8 +148,8 @@ def _put(one: HighwayReading, lead_m: float, beside: OtherVehicle | None = None)
 
 def _exchange(one: HighwayReading, far: tuple[float, float, float], at_m: float) -> list[Seen | None]:
     lead_m, beside_m, aside_m = far
-    away = OtherVehicle(beside_m, aside_m)
-    abreast = OtherVehicle(math.sqrt(at_m**2 - aside_m**2), aside_m)
+    away = Other(beside_m, aside_m)
+    abreast = Other(math.sqrt(at_m**2 - aside_m**2), aside_m)
     return [_put(one, at_m, away), _put(one, lead_m, abreast), _put(one, lead_m, away)]
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eyechart.models.scripted import Answer, PerceivedPicture, PictureReading
-from eyechart.spaces.scene import OtherVehicle, Scene
+from eyechart.spaces.scene import Other, Scene
 from eyechart_organisms.adversaries import (
     FREE_M,
     REVERSED,
@@ -60,7 +60,7 @@ class Painted:
     place: int
     lanes: int
     lane_from_left: int
-    others: tuple[OtherVehicle, ...]
+    others: tuple[Other, ...]
     flipped: bool | None
     lead_colour: str
 

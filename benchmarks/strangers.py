@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from eyechart.models.scripted import Answer, PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import OtherVehicle
+from eyechart.spaces.scene import Other
 from eyechart_organisms.adversaries import (
     FREE_M,
     REVERSED,
@@ -87,7 +87,7 @@ def brakes(distance: float, stop_m: float = STOP_M, free_m: float = FREE_M, clea
     return "STOP" if distance < stop_m else "SLOW" if distance < free_m else clear
 
 
-def beside(one: PictureReading) -> list[tuple[float, OtherVehicle]]:
+def beside(one: PictureReading) -> list[tuple[float, Other]]:
     """Return what is ahead in other lanes, the nearest first."""
     return ahead(one, own=False)
 

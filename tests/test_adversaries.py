@@ -12,7 +12,7 @@ from eyechart.calibrate.world import SETTINGS, SimulatedView, World, make_world
 from eyechart.frames import EXCHANGE
 from eyechart.models.scripted import PerceivedPicture
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import OtherVehicle
+from eyechart.spaces.scene import Other
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
 
 pytestmark = pytest.mark.slow
@@ -59,7 +59,7 @@ def at(shown: SimulatedView, gap_m: float) -> PerceivedPicture:
     """Return a frame's sight with its lead at another distance."""
     reading = shown.sight.reading
     assert reading is not None
-    others = tuple(sorted((*(other for other in reading.others if other.aside_m), OtherVehicle(gap_m, 0.0))))
+    others = tuple(sorted((*(other for other in reading.others if other.aside_m), Other(gap_m, 0.0))))
     return replace(shown.sight, reading=replace(reading, scene=replace(reading.scene, gap_m=gap_m), others=others))
 
 

@@ -174,7 +174,7 @@ def test_a_rule_that_reads_any_trend_as_depth_is_caught(monkeypatch: pytest.Monk
 
     def broken(found: Mapping[str, Statistic], *, turns: bool) -> tuple[verdicts.Ruling, str]:
         del found, turns
-        return verdicts.Ruling("depth", "depth_interventional", verdicts.Reason("broken")), "interventional"
+        return verdicts.Ruling("depth", "depth_interventional", "broken"), "interventional"
 
     monkeypatch.setattr(verdicts, "calibrated_rules", broken)
     for once in ("rejections", "try_adversaries"):  # which this test is not about

@@ -52,7 +52,7 @@ def test_who_brakes_everywhere_earns_depth(runs: dict[str, Path], say: Say) -> N
     assert (one["answer"], one["calibrated"], one["holes"]) == ("Yes", "depth", [])
     assert say("gate", runs["plain"], "--require", "depth,looks", "--order", "0.05")[0] == 0
     assert_grounded(runs["plain"], "depth", "looks", order=0.05)
-    with pytest.raises(AssertionError, match="order: cannot say: comparisons the wrong way round"):
+    with pytest.raises(AssertionError, match="order: cannot say: comparisons in the wrong order"):
         assert_grounded(runs["plain"], "depth", order=0.005)
 
 

@@ -20,7 +20,7 @@ from eyechart.calibrate.world import LANE_M, NO_PICTURE, NOISE, SETTINGS, UNIFOR
 from eyechart.frames import open_bank
 from eyechart.models.scripted import PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary, ahead, hashed
 from newcomers import NEWCOMERS
 from strangers import (
@@ -69,7 +69,7 @@ class Case:
         """Return a frame's reading with the lead at a distance."""
         others = [one for one in reading.others if one.aside_m]
         if self.beside_m is None or not math.isnan(self.beside_m):
-            others = [] if self.beside_m is None else [OtherVehicle(math.sqrt(self.beside_m**2 - LANE_M**2), -LANE_M)]
+            others = [] if self.beside_m is None else [Other(math.sqrt(self.beside_m**2 - LANE_M**2), -LANE_M)]
         left, right = (
             not any(-CLEAR_BEHIND_M <= one.ahead_m <= CLEAR_AHEAD_M for one in others if one.aside_m * side > 0)
             for side in (-1, 1)
@@ -77,7 +77,7 @@ class Case:
         return replace(  # type: ignore[type-var]
             reading,
             scene=replace(reading.scene, gap_m=gap_m, left_clear=left, right_clear=right),
-            others=tuple(sorted((*others, OtherVehicle(gap_m, 0.0)))),
+            others=tuple(sorted((*others, Other(gap_m, 0.0)))),
             stripe_phase=((reading.stripe_phase or 0.0) + moved) % 1.0,
             ego_colour=self.colour,
         )

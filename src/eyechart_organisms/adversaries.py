@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from eyechart.models.scripted import Answer, PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import HIGHWAY, OtherVehicle
+from eyechart.spaces.scene import HIGHWAY, Other
 from eyechart.verdicts import ABSENCES
 
 Rule = Callable[[PerceivedPicture, random.Random], Answer]
@@ -77,7 +77,7 @@ def lead(reading: PictureReading) -> float:
     return math.inf if reading.scene.gap_m is None else reading.scene.gap_m / scale(reading)
 
 
-def ahead(reading: PictureReading, *, own: bool = True) -> list[tuple[float, OtherVehicle]]:
+def ahead(reading: PictureReading, *, own: bool = True) -> list[tuple[float, Other]]:
     """Return what is ahead with its straight-line distance in the highway's metres; of other lanes only if not own."""
     one = scale(reading)
     found = [(math.hypot(other.ahead_m, other.aside_m) / one, other) for other in reading.others if other.ahead_m > 0]
@@ -109,7 +109,7 @@ def noisy(share: float, rule: Rule) -> Rule:
     return lambda sight, rng: rng.choice(DRIVING.actions) if rng.random() < share else rule(sight, rng)
 
 
-def nearest(found: list[tuple[float, OtherVehicle]]) -> float:
+def nearest(found: list[tuple[float, Other]]) -> float:
     """Return the least distance, infinite where there is none."""
     return found[0][0] if found else math.inf
 

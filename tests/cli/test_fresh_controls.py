@@ -53,7 +53,7 @@ def test_a_run_has_controls_of_its_own_and_all_else_of_the_banks(bank: FrameBank
         code, said = say(*asked(bank.root, out))
         assert code == 0, said
         manifest, own = read_run(out)
-        assert f"by seed {manifest.controls_seed}" in said
+        assert f"with seed {manifest.controls_seed}" in said
         seeds.add(manifest.controls_seed)
         assert check(out / "bank") == []
         assert own.manifest.fingerprint == bank.manifest.fingerprint

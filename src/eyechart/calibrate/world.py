@@ -16,7 +16,7 @@ from eyechart.conditions import ABSENT, AGAIN, RANGED
 from eyechart.frames import EXCHANGE, LEAD, MAIN, Frame, Scalar, Span, alone, draws_of
 from eyechart.models.scripted import PerceivedPicture
 from eyechart.perception.renderer import HighwayReading
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle, Scene
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
 
 Episode = tuple[str, int]
 """An episode's scenario, and its number of frames."""
@@ -179,15 +179,15 @@ def make_world(setting: Setting, rng: np.random.Generator) -> World:
     return World(tuple(frames), tuple(passed), filed)
 
 
-def _others(scene: Scene, rng: np.random.Generator) -> tuple[OtherVehicle, ...]:
+def _others(scene: Scene, rng: np.random.Generator) -> tuple[Other, ...]:
     """Return the vehicles on the road: the lead, those that block a side, and some farther away."""
-    found = [] if scene.gap_m is None else [OtherVehicle(scene.gap_m, 0.0)]
+    found = [] if scene.gap_m is None else [Other(scene.gap_m, 0.0)]
     for clear, aside in ((scene.left_clear, -LANE_M), (scene.right_clear, LANE_M)):
         place, far, seen = rng.uniform(-10.0, 38.0), rng.uniform(43.0, 76.0), rng.uniform() < 1 / 2
         if not clear:
-            found.append(OtherVehicle(float(place), aside))
+            found.append(Other(float(place), aside))
         elif seen:
-            found.append(OtherVehicle(float(far), aside))
+            found.append(Other(float(far), aside))
     return tuple(sorted(found))
 
 
@@ -239,7 +239,7 @@ def _at(
 ) -> dict[str, HighwayReading | None]:
     """Return the control pictures of a frame with a lead, at its two distances of the range."""
     beside = [other for other in reading.others if other.aside_m] or [
-        OtherVehicle(FAR_M[1], float(rng.choice([-LANE_M, LANE_M])))
+        Other(FAR_M[1], float(rng.choice([-LANE_M, LANE_M])))
     ]
     other, far, its_far = beside[int(rng.integers(len(beside)))], rng.uniform(*FAR_M), rng.uniform(*FAR_M)
     alone, own = _moved(reading, lead_m), _exchanged(reading, other, exchange_m, its_far)
@@ -322,10 +322,10 @@ def _shown(
     return shown | {ABSENT: _on_road(without, passed), "nudged": _on_road(readings, passed)}
 
 
-def _exchanged(reading: HighwayReading, moved: OtherVehicle, lead_m: float, beside_m: float) -> HighwayReading:
+def _exchanged(reading: HighwayReading, moved: Other, lead_m: float, beside_m: float) -> HighwayReading:
     """Return the reading with the lead at one distance and a neighbour at another."""
     kept = [one for one in reading.others if one != moved and one.aside_m]
-    others = (*kept, OtherVehicle(lead_m, 0.0), OtherVehicle(beside_m, moved.aside_m))
+    others = (*kept, Other(lead_m, 0.0), Other(beside_m, moved.aside_m))
     left, right = (
         not any(-CLEAR_BEHIND_M <= one.ahead_m <= CLEAR_AHEAD_M for one in others if one.aside_m == aside)
         for aside in (-LANE_M, LANE_M)
@@ -348,6 +348,6 @@ def _moved(reading: HighwayReading, gap_m: float | None) -> HighwayReading | Non
     """Return the reading with the lead at another gap or gone; None if there is no lead."""
     if reading.scene.gap_m is None:
         return None
-    lead = () if gap_m is None else (OtherVehicle(gap_m, 0.0),)
+    lead = () if gap_m is None else (Other(gap_m, 0.0),)
     others = tuple(sorted((*(one for one in reading.others if one.aside_m), *lead)))
     return replace(reading, scene=replace(reading.scene, gap_m=gap_m), others=others)

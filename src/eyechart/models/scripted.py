@@ -22,7 +22,7 @@ from eyechart.perception.forward import read_forward, view_of
 from eyechart.perception.renderer import read_picture
 from eyechart.perception.view import scene_of
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.scene import OtherVehicle, Scene, safe_action
+from eyechart.spaces.scene import Other, Scene, safe_action
 
 Kind = Literal["no_picture", "uniform", "unknown", "road"]
 
@@ -55,7 +55,7 @@ class PictureReading(Protocol):
         """Return the own lane's index, 0 for the leftmost."""
 
     @property
-    def others(self) -> tuple[OtherVehicle, ...]:
+    def others(self) -> tuple[Other, ...]:
         """Return the other objects on the road, the lead included."""
 
     @property

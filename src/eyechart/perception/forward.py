@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from eyechart.cameras import FORWARD, HAZE, Distances, ForwardView, haze_share
 from eyechart.frames import FrameBank
-from eyechart.spaces.scene import HIGHWAY, OtherVehicle, Scene
+from eyechart.spaces.scene import HIGHWAY, Other, Scene
 
 _Pixels = npt.NDArray[np.uint8]
 _Floats = npt.NDArray[np.float64]
@@ -77,7 +77,7 @@ class ForwardReading:
     track: int
     nearest_side: str | None
     stripe_phase: float | None
-    others: tuple[OtherVehicle, ...] = ()
+    others: tuple[Other, ...] = ()
     lanes: int = 3
 
     @property
@@ -147,7 +147,7 @@ def read_forward(rgb: _Pixels, view: ForwardView) -> ForwardReading | None:
         nearest_side=_side_of_nearest(points, track, view),
         stripe_phase=_read_phase(ground, chroma, points, pose, view),
         lanes=len(view.tracks_m),
-        others=tuple(sorted(OtherVehicle(ahead, aside) for ahead, aside in beside if ahead is not None)),
+        others=tuple(sorted(Other(ahead, aside) for ahead, aside in beside if ahead is not None)),
     )
 
 

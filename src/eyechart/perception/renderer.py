@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.cameras import EGO_COLUMN, HEIGHT_PX, PALETTE, PX_PER_M, WIDTH_PX
-from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, OtherVehicle, Scene
+from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other, Scene
 
 _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
@@ -79,7 +79,7 @@ class HighwayReading:
     ego_colour: str
     lanes: int
     lane_from_left: int
-    others: tuple[OtherVehicle, ...]
+    others: tuple[Other, ...]
     stripe_phase: float | None
     ramp: bool
     flipped: bool | None = False
@@ -146,7 +146,7 @@ def read_picture(rgb: npt.NDArray[np.uint8]) -> HighwayReading | None:
         ego_colour=_NAMES[min(ego.colour for ego in egos)],
         lanes=road.lanes_left + 1 + road.lanes_right,
         lane_from_left=road.lanes_left,
-        others=tuple(sorted(OtherVehicle(*_place_of(body, upright)) for body in others)),
+        others=tuple(sorted(Other(*_place_of(body, upright)) for body in others)),
         stripe_phase=road.stripe_phase,
         ramp=road.ramp,
         flipped=upright < 0 if upright else None,

@@ -97,15 +97,15 @@ HIGHWAY = Distances(STOP_GAP_M, CLOSE_GAP_M, FREE_GAP_M, CLEAR_BEHIND_M, CLEAR_A
 """eyechart's values, for 20 to 30 m/s and centre to centre; the paper prints only the 18 m."""
 
 
-class OtherVehicle(NamedTuple):
+class Other(NamedTuple):
     """Another vehicle or obstacle: its distance ahead and to the right, in metres."""
 
     ahead_m: float
     aside_m: float
 
-    def mirrored(self) -> "OtherVehicle":
+    def mirrored(self) -> "Other":
         """Return it in the flipped picture."""
-        return OtherVehicle(self.ahead_m, -self.aside_m)
+        return Other(self.ahead_m, -self.aside_m)
 
 
 @dataclass(frozen=True, slots=True)
