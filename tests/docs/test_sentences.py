@@ -23,7 +23,7 @@ COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 NO_PROSE = re.compile(r"^ *(\||#|<|\([\w-]+\)=|!\[|\[[^\]]*\]:|\$\$)")
 ITEM = re.compile(r"^ *(?:[-*]|\d+\.) +")
 LINK_ALONE = re.compile(r"^ *(?:[-*]|\d+\.)? *!?\[[^\]]*\]\([^)]*\)[.,:;]?$")
-END = re.compile(r"(?<=[.?!])['\")*_]* +(?=[\"'(*_`\[]*(?:[A-Z`\d]|eyechart\b))|:$")
+END = re.compile(r"(?<=[.?!])['\")*_]* +(?=[\"'(*_`\[]*(?:[A-Z`\d]|eyechart\b|[np]: ))|:$")
 
 
 def prose(text: str) -> list[tuple[int, str]]:
