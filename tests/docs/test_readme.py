@@ -73,8 +73,8 @@ def test_every_command_of_the_readme_exists() -> None:
 
 
 def test_the_readme_is_short_and_opens_six_doors() -> None:
-    """At most 90 lines; a row of its table each, which links the page that says more."""
-    assert len(README.splitlines()) <= 90
+    """At most 120 lines; a row of its table each, which links the page that says more."""
+    assert len(README.splitlines()) <= 120
     table = README.partition("| what you have | what you type |")[2].partition("\n\n")[0]
     rows = table.splitlines()[2:]
     assert len(rows) == 6
