@@ -173,7 +173,7 @@ def test_a_demo_controller_asked_elsewhere_has_the_statistics_of_its_own_run(dem
     for words, ended in ((("--max-unparsed", "0.5"), 2), (("--max-unparsed", "0.5", "--made-elsewhere"), 0)):
         held = CliRunner().invoke(app, ["gate", str(out), "--require", "depth", *words])
         assert held.exit_code == ended, held.output
-    with pytest.raises(AssertionError, match="only their maker knows the questions"):
+    with pytest.raises(AssertionError, match="cannot say: eyechart did not make these calls"):
         assert_grounded(out, "depth", resamples=120)
     assert_grounded(out, "depth", resamples=999, made_elsewhere=True)
     assert statistics_of(out) == statistics_of(native)
@@ -647,7 +647,7 @@ def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_p
     out, left = tmp_path / "out", tmp_path / ".out.part"
     script = (
         "import os, sys; from pathlib import Path; from eyechart.studies import battery as study;"
-        "study.write_questions(study.questions_of(Path(sys.argv[1]), study.Asking(conditions=('real', 'blank'))),"
+        "study.write_questions(study.questions_of(Path(sys.argv[1]), study.BatterySettings(conditions=('real', 'blank'))),"
         "Path(sys.argv[2]), progress=lambda done, _: os.kill(os.getpid(), 9) if done == 10 else None)"
     )
     killed = subprocess.run([sys.executable, "-c", script, str(bank.root), str(out)], check=False)
