@@ -67,7 +67,11 @@ def grade(found: NamedStatistics) -> str:
 
 
 def controls_wanted(found: NamedStatistics, *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
-    """Return the controls to ask next, of those ``supplied`` by the bank and not ``asked`` yet."""
+    """Return the controls to ask next, of those ``supplied`` by the bank and not ``asked`` yet.
+
+    Empty where no control could take a claim away. The statistics alone decide, so that every
+    scoring of a run finds the same.
+    """
     ruling = calibrated_rules(found, turns=False)[0]
     label, decided = ruling.label, ruling.statistic is not None
     may_be_blind = label == "undecided" and decided and UNFOLLOWED.holds(found)

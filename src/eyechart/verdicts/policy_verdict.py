@@ -104,7 +104,7 @@ class PolicyVerdict:
 
     @property
     def answer(self) -> str:
-        """Return whether it looks: Yes, In part, No, or Inconclusive."""
+        """Return whether it looks: Yes, In part, No, or Inconclusive (also if a guard failed)."""
         return CAMERA[self.camera.label].answer
 
     def facts(self) -> dict[str, str]:

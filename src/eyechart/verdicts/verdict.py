@@ -73,7 +73,7 @@ class Verdict(KeyedRecord):
 
     @property
     def answer(self) -> str:
-        """Return whether it looks: Yes, In part, No, or Inconclusive."""
+        """Return whether it looks: Yes, In part, No, or Inconclusive (also if a guard failed)."""
         label = LABELS.get(self.calibrated.label)
         return "Inconclusive" if self.doubts or label is None else label.answer
 
