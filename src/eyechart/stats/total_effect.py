@@ -363,7 +363,7 @@ def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike
 
 
 def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places, *, level: float = LEVEL) -> Statistic:
-    """Return the mean squared error of answers over the log's variance; 1 is the log's own mean.
+    """Return the mean squared error of answers over the log's variance: 0 fits, 1 is its mean.
 
     Both have shape (n, steps, dimensions), in units of scale; the mean is that of each step and
     dimension. The interval is a jackknife over episodes on the scale of the logarithm. None without

@@ -289,7 +289,7 @@ class Effects:
 
     @cached_property
     def _by_bytes(self) -> Floats | None:
-        """Return the answers to nudged pictures (one value one level off) if they differ."""
+        """Return answers to nudged pictures (one value one level off) if they differ, else None."""
         found = self.total("nudged")
         if found.value is None or found.value < LEAST_NOISE or (found.p is not None and found.p > ALPHA):
             return None
