@@ -80,8 +80,8 @@ def near_partners(
     """Return a frame of each frame's own episode, as far off by state as its match, shape (n,).
 
     ``matched`` are `matched_partners` of the same ``values``. Candidates are other frames of the
-    episode with another value. The chosen one falls least short of the match, in each number of the
-    state; among equals it is the nearest. The reason: a small change of pose cannot speak for a
+    episode with another value. The chosen one falls least short of the match, summed over the numbers
+    of the state; among equals it is the nearest. The reason: a small change of pose cannot speak for a
     larger one, nor a gripper's change for an arm's. `NOBODY` for a frame without a match or a
     candidate.
     """
