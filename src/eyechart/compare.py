@@ -56,7 +56,7 @@ class Replication(KeyedRecord):
 
 @dataclass(frozen=True)
 class Comparison(KeyedRecord):
-    """All models of both runs; ``apart`` says in words how the runs differ or are unfinished.
+    """Every model that is in both runs; ``apart`` says how the runs differ or are unfinished.
 
     ``marks`` are the failed guards of either run: its numbers are not reliable.
     """

@@ -74,7 +74,7 @@ class JsonRecord(Protocol):
 
 
 class KeyedRecord:
-    """A record that is written as ``written`` says: a list of keys.
+    """A record that is written as ``written`` says: its keys, with blanks between.
 
     A key is ``KEY=PATH``, or a path whose last name is the key. A path leads by dots through parts;
     a part of None gives None. ``*PATH`` writes all keys of its part.

@@ -71,7 +71,7 @@ def test_the_answer_says_why_a_planner_is_not_shown_to_see(page: Page) -> None:
     """How many worlds it would need, which other pictures it lacks, or what the data allow."""
     words = unescape(" ".join(re.sub(r"<[^>]+>", " ", page.html.decode().split("</section>")[0]).split()))
     assert "Why not more?" in words
-    assert "with 2 worlds no exact test can reach .05" in words or "pictures, so nothing can be compared" in words
+    assert "with 2 worlds no exact test can reach .05" in words or "pictures, which the comparison needs" in words
 
 
 def test_each_world_shows_every_source_and_how_it_ended(page: Page) -> None:

@@ -118,7 +118,7 @@ def test_the_run_prints_its_guarantee_the_most_the_typical_and_the_saved(highway
     promise = next(line for line in said if "a false early verdict" in line)
     assert "at most 0.05 a model, however often one looks" in promise
     assert any("frames in random order" in line and "episode" in line for line in said)
-    typical = next(line for line in said if "never varies" in line)
+    typical = next(line for line in said if "repeats never differ" in line)
     assert "at most 2894 calls per model" in typical
     assert "1687 (depth)" in typical
     assert any(line.startswith("scripted:depth: stopped early after ") and "calls saved (3" in line for line in said)
@@ -439,7 +439,7 @@ def test_a_dry_run_says_the_most_and_the_typical_and_asks_nothing(bank: FrameBan
     words = ["run", "battery", "--model", STEADY, "--frames", str(bank.root), "--out", str(tmp_path / "run")]
     said = CliRunner().invoke(app, [*words, "--stop-early", "--dry-run"])
     assert said.exit_code == 0
-    assert "at most 648 calls per model; a model that never varies takes about" in said.stderr
+    assert "at most 648 calls per model; a model whose repeats never differ takes" in said.stderr
     assert "(image_invariant)" in said.stderr
     assert not (tmp_path / "run").exists()
 

@@ -96,7 +96,7 @@ class CostLimits:
         ),
     ] = None
 
-    def allowed(self, out: Path, *, dry_run: bool, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of Allowed
+    def allowed(self, out: Path, *, dry_run: bool, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of RunAllowance
         """Return what a command allows its run; the user's prices come before the built-in ones.
 
         If the command says so, it first accepts what the ledgers lost.
@@ -183,7 +183,7 @@ class ModelRunOptions:
         """Return the request modes of a command's models, as `read_modes` does."""
         return read_modes(specs, files, self.how.given())
 
-    def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of Allowed
+    def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of RunAllowance
         """Return what a command allows its run, as `CostLimits` does."""
         at_once = {"concurrency": self.concurrency, "again": self.again}
         return self.spending.allowed(out, dry_run=self.dry_run, **at_once, **more)

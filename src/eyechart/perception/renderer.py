@@ -238,7 +238,7 @@ def _place_body(colour: int, x0: int, x1: int, y0: int, y1: int, light: int) -> 
 
 
 def _find_ego(bodies: list[_Body]) -> list[_Body]:
-    """Return the vehicle at the anchor, if any; several if only their mirror images differ."""
+    """Return the vehicle at the anchor, if any; several that a mirror image cannot tell apart."""
 
     def rank(body: _Body) -> tuple[int, int]:
         return body.colour, abs(body.column - _EGO_CENTRE) + abs(body.row)

@@ -27,7 +27,7 @@ CHUNK = 4_000_000
 """Committee-frames counted at a time."""
 
 _DEAREST = 1e30
-"""The largest cost that is accepted."""
+"""The largest cost that is accepted; sums of larger ones may be infinite."""
 
 CLOSE = 1e-12
 """Costs this close are equal, and the tie-break decides."""

@@ -79,7 +79,7 @@ def exchange_test(
     alpha: float = 0.01,
     resamples: int = 5000,
 ) -> Statistic:
-    """Test one-sidedly whether braking falls on near gaps, safe for episodes and time in them.
+    """Test one-sidedly whether braking happens at near gaps, safe for episodes and time in them.
 
     Five arrays of one length, one entry per frame. ``level`` is the braking level of the decision,
     an integer of 0 or more; -1 is no decision, which counts nowhere but keeps its place.

@@ -13,7 +13,7 @@ from eyechart.stats.statistic import Statistic, not_available
 Floats = npt.NDArray[np.float64]
 
 LEAST_EPISODES = 6
-"""Below this only shares have intervals; others were not measured (benchmarks/long_coverage.py)."""
+"""Below this only shares have an interval that covers, as benchmarks/long_coverage.py measures."""
 
 _ALONE = "no interval: without one of the episodes nothing is left"
 

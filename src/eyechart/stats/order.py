@@ -100,7 +100,7 @@ def order_of(compared: npt.ArrayLike, episodes: npt.ArrayLike, *, level: float =
 
     ``compared``, shape (3, frames), sums `compared_twice` over a frame's pairs of pictures;
     ``episodes`` names each frame's. The interval is the jackknife's, with Student's t of one degree
-    less than there are episodes with a comparison. It is at least as wide as that of a share of as
+    less than there are episodes with a comparison. Neither end is nearer than that of a share of as
     many frames (Clopper and Pearson 1934), since comparisons of a frame are not independent. ``n``
     counts the frames with a comparison.
     """

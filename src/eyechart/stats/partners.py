@@ -80,10 +80,10 @@ def near_partners(
     """Return a frame of each frame's own episode, as far off by state as its match, shape (n,).
 
     ``matched`` are `matched_partners` of the same ``values``. Candidates are other frames of the
-    episode with another value. The chosen one falls least short of the match, in each number of the
-    state; among equals it is the nearest. The reason: a small change of pose cannot speak for a
-    larger one, nor a gripper's change for an arm's. `NOBODY` for a frame without a match or a
-    candidate.
+    episode with another value. The chosen one falls least short of the match, summed over the
+    numbers of the state; among equals it is the nearest. The reason: a small change of pose cannot
+    speak for a larger one, nor a gripper's change for an arm's. `NOBODY` for a frame without a
+    match or a candidate.
     """
     episode, scaled, value = _numbered(episodes), _scaled(episodes, states), _valued(episodes, values)
     result = np.full(len(episode), NOBODY)

@@ -97,7 +97,7 @@ def follow(gains: npt.ArrayLike, full: npt.ArrayLike, episodes: npt.ArrayLike, *
 def _share(
     values: Floats, reaches: Callable[[Floats], npt.NDArray[np.bool_]], seed: int, resamples: int
 ) -> tuple[float, str]:
-    """Return the share of sign patterns whose sum ``reaches`` the observed, and their number."""
+    """Return the p, from the sign patterns whose sum ``reaches`` it, and the patterns in words."""
     if len(values) <= ENUMERATED_FLIPS:
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(values))))
         return float(np.mean(reaches(signs @ values))), f"all {len(signs)} patterns"

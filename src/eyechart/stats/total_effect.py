@@ -75,7 +75,7 @@ def squared_distance(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
 
 
 def half_products(r: Floats, s: Floats) -> Floats:
-    """Return `half_squares` before its mean over the numbers of an answer, shape (n, …)."""
+    """Return `squared_distance` before its mean over the numbers of an answer, shape (n, …)."""
     apart, k = r - s, len(r)
     if k == 1:
         return np.asarray(apart[0] ** 2 / 2)
@@ -363,7 +363,7 @@ def noise_share(first: npt.ArrayLike, again: npt.ArrayLike, other: npt.ArrayLike
 
 
 def misfit_share(answers: npt.ArrayLike, logged: npt.ArrayLike, episodes: Places, *, level: float = LEVEL) -> Statistic:
-    """Return the mean squared error of answers over the log's variance; 1 is the log's own mean.
+    """Return the mean squared error of answers over the log's variance: 0 fits, 1 is its mean.
 
     Both have shape (n, steps, dimensions), in units of scale; the mean is that of each step and
     dimension. The interval is a jackknife over episodes on the scale of the logarithm. None without

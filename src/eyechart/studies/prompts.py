@@ -245,7 +245,7 @@ def run(
     cost_usd: float | None = None,
     prices: Prices | None = None,
     progress: Progress | None = None,
-    **how: Any,  # noqa: ANN401 - those of Allowed
+    **how: Any,  # noqa: ANN401 - those of RunAllowance
 ) -> RunOutcome:
     """Make the remaining calls, cell after cell; run it again to resume a cut study.
 
@@ -259,7 +259,7 @@ def run(
 
 @dataclass(frozen=True)
 class CellScore(KeyedRecord):
-    """One model under one prompt and setting. ``holm`` maps a test to its p over the model's cells.
+    """One model under one prompt and setting; ``holm`` has each p corrected over the model's cells.
 
     ``took`` is the cost of its calls; ``guards`` say whether the calls can be relied on.
     """

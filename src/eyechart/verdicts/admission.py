@@ -33,12 +33,15 @@ ADMITS = Axis(
         Rule("admitted", "parse", says="it meets every clause"),
     ),
 )
-"""Whether scenes may steer: the first clause decides that fails, or was not measured."""
+"""Whether scenes may steer: the first clause that fails decides, else the first not measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClauseResult(KeyedRecord):
-    """A clause and the statistic that it reads of a model."""
+    """A clause and the statistic that it reads of a model.
+
+    ``passes`` is None where the statistic has no value: then no model is admitted.
+    """
 
     written = "clause=name least statistic.value statistic.n statistic.ci outcome"
 

@@ -67,7 +67,11 @@ def grade(found: NamedStatistics) -> str:
 
 
 def controls_wanted(found: NamedStatistics, *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
-    """Return the controls to ask next, of those ``supplied`` by the bank and not ``asked`` yet."""
+    """Return the controls to ask next, of those ``supplied`` by the bank and not ``asked`` yet.
+
+    Empty where no control could take a claim away. The statistics alone decide, so that every
+    scoring of a run finds the same.
+    """
     ruling = calibrated_rules(found, turns=False)[0]
     label, decided = ruling.label, ruling.statistic is not None
     may_be_blind = label == "undecided" and decided and UNFOLLOWED.holds(found)
@@ -210,7 +214,10 @@ _REST = (
 )
 
 DISTANCE = Axis("distance", (*_ANSWERED, *RULES, *_REST))
-"""The calibrated labels, in the order in which they are tried."""
+"""The calibrated labels, in the order in which they are tried.
+
+Without pictures of the lead along its range a model gets ``depth_associated`` at most.
+"""
 
 _NO_CLAIMS = {"undecided", "not_scorable", "image_invariant"}
 _OF_DEPTH = {"depth_lateral", "partial_depth", "depth_associated"}
@@ -258,7 +265,7 @@ _INWARDS = Clause("turns_boxed", (Reading("value", "<=", 0.0), Reading("low", "<
 
 
 def earns_lateral(found: NamedStatistics, label: str) -> bool:
-    """Return whether a lateral label earns ``depth_lateral``."""
+    """Return whether it earns ``depth_lateral``: to the clear side, and few turns without one."""
     return label == "turns_clear" and BOXED.holds(found) is True
 
 

@@ -26,7 +26,7 @@ _ALONG = {
     "depth": compared("along", "value", ">=", 1.0),
     "depth_associated": compared("along", "value", "<", 1.0),
 }
-"""Braking by distance is evidence for the first if there are pictures along the range."""
+"""Braking by distance is evidence for the first with pictures along the range, else the second."""
 _ALONE = compared("one_direction", "value", ">=", 1.0)
 WORDS["says"] = lambda found, name: found[name].says
 

@@ -21,7 +21,8 @@ class Evidence:
     the replies with a decision and those without by their reason. ``directions`` counts the
     directions given to pictures and their reflections. ``gap`` says whether the bank records a gap
     that can be tested, ``absent`` are the conditions that the bank lacks, and ``bank`` is its
-    folder. ``part``: a shard, whose controls only the merged run asks.
+    folder. ``planned`` and ``answered`` count calls; ``scope`` is the sentence that limits what the
+    run can show. ``part``: a shard, whose controls only the merged run asks.
     """
 
     model: str

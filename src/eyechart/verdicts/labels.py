@@ -29,7 +29,7 @@ ORDER_CUT = 0.15
 ORDER_HIGH, ORDER_LOW = 0.09, 0.05
 """A kind of pairs refutes depth with a share above the first and a lower bound above the second."""
 FAR_SHARE = 0.5
-"""This part of both where one is far: a model that overlooks the other ties, and loses nothing."""
+"""This part of both with a far lead in a pair: a model that overlooks one lead only ties there."""
 ORDER_OPEN = 0.25
 """A kind of pairs with an upper bound above this is named, and does not meet a gate for depth."""
 

@@ -84,7 +84,7 @@ def _clauses_of(name: str) -> tuple[list[Clause], list[Clause]]:
 
 
 def needs_of(name: str) -> str:
-    """Return what depth needs of a statistic, or else names."""
+    """Return what depth needs of a statistic; for a kind of pairs, what keeps it unnamed."""
     shown, refuting = _clauses_of(name)
     named = ", else named" if any(clause in NAMED for clause in shown) else ""
     return " and ".join(" or ".join(map(str, clause.readings)) for clause in shown or refuting) + named

@@ -104,7 +104,7 @@ class PolicyVerdict:
 
     @property
     def answer(self) -> str:
-        """Return whether it looks: Yes, In part, No, or Inconclusive."""
+        """Return whether it looks: Yes, In part, No, or Inconclusive (also if a guard failed)."""
         return CAMERA[self.camera.label].answer
 
     def facts(self) -> dict[str, str]:
@@ -127,7 +127,10 @@ class PolicyVerdict:
         return card(self.model, self.answer, self.headline, "", self.facts(), (*self.remarks, self.scope))
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values; the first nine keys are those that scripts may rely on."""
+        """Return plain JSON values; the first nine keys are those that scripts may rely on.
+
+        ``holes`` are empty: no test of a policy looks for any.
+        """
         return {
             "camera": self.camera.label,
             "cameras": {name: one.label for name, one in self.cameras.items()},

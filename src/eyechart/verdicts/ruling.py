@@ -10,9 +10,9 @@ from eyechart.stats.statistic import Statistic
 class Ruling:
     """A label with the name of the statistic that decided it, and the reason.
 
-    ``with_it`` names other e-values that settled the label. ``why_not``, ``may_be`` and ``bound``
-    are those of its rule. ``found`` is the reason alone, where ``reason`` also says how the run
-    ended.
+    ``statistic`` is that statistic, None if there was nothing to measure. ``with_it`` names other
+    e-values that settled the label. ``why_not``, ``may_be`` and ``bound`` are those of its rule.
+    ``found`` is the reason alone, where ``reason`` also says how the run ended.
     """
 
     label: str

@@ -42,7 +42,7 @@ Statistics = Mapping[str, Statistic]
 
 @dataclass(frozen=True)
 class MissingConditions:
-    """The conditions that a run left out, and why its bank lacks others."""
+    """The conditions that a run left out, why its bank lacks others, and the bank's folder."""
 
     unasked: frozenset[str] = frozenset()
     lacking: Mapping[str, str] = field(default_factory=dict)
@@ -67,7 +67,7 @@ class ShareStatistics(dict[str, Share]):
     """The statistics of a policy, each of its kind, with facts on its run that rules read.
 
     ``asked.CONDITION`` is 0 where the run did not ask it, and has no value where its bank lacks it.
-    A statistic that is missing has an n of -1.
+    A statistic that is missing has an n of -1, and no other number.
     """
 
     def __init__(self, statistics: Statistics, asked: MissingConditions = EVERYTHING, **facts: bool) -> None:

@@ -35,16 +35,18 @@ CONSTANT = ("image_invariant", "refusal_effect", "not_scorable", "undecided")
 
 @dataclass(frozen=True)
 class Verdict(KeyedRecord):
-    """What a model's answers support under both sets of rules.
+    """What a model's answers support under both sets of rules; the headline is ``calibrated``.
 
-    ``print`` it for the evidence in words; a notebook shows it as a card. ``evidence`` says how
-    distance was tested: by intervention with or without controls, by observation, or not at all.
-    ``stopped`` says where the run settled the label early: it then rests on e-values, and the
-    paper's label is ``not_judged``. ``failed`` are the guards that put the run in doubt; they mark
-    the verdict wherever it is printed. ``unfinished`` is (calls finished, calls planned) of a run
-    with calls left. ``beware`` says that turns go to the blocked side, where they do. ``holes`` are
-    the places in which braking does not answer to the lead, ``open_to`` what a label of depth does
-    not exclude, and ``numbers`` those that depth rests on.
+    ``lateral`` is an axis of its own; ``trust`` and ``scope`` are one sentence each. ``print`` it
+    for the evidence in words; a notebook shows it as a card. ``evidence`` says how distance was
+    tested: by intervention with or without controls, by observation, or not at all. ``stopped``
+    says where the run settled the label early: it then rests on e-values, and the paper's label is
+    ``not_judged``. ``failed`` are the guards that put the run in doubt; they mark the verdict
+    wherever it is printed. ``unfinished`` is (calls finished, calls planned) of a run with calls
+    left. ``why_not`` says what kept it from the nearest stronger label. ``beware`` says that turns
+    go to the blocked side, where they do; ``trust`` says so too. ``holes`` are the places in which
+    braking does not answer to the lead, ``open_to`` what a label of depth does not exclude, and
+    ``numbers`` those that depth rests on.
     """
 
     written = (
@@ -73,7 +75,7 @@ class Verdict(KeyedRecord):
 
     @property
     def answer(self) -> str:
-        """Return whether it looks: Yes, In part, No, or Inconclusive."""
+        """Return whether it looks: Yes, In part, No, or Inconclusive (also if a guard failed)."""
         label = LABELS.get(self.calibrated.label)
         return "Inconclusive" if self.doubts or label is None else label.answer
 
@@ -110,7 +112,7 @@ class Verdict(KeyedRecord):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Return the marks that put the verdict in doubt."""
+        """Return the marks that put it in doubt; equal answers do not where it says just that."""
         says_so = self.calibrated.label in CONSTANT
         return tuple(guard.mark for guard in self.failed if not (says_so and guard.name == "degeneracy"))
 
@@ -121,7 +123,10 @@ class Verdict(KeyedRecord):
 
     @property
     def measures(self) -> dict[str, str]:
-        """Return in words the holes, what is not excluded, and a number of each kind."""
+        """Return in words the holes, what is not excluded, and a number of each kind.
+
+        Empty without pictures of the lead along its range.
+        """
         said = {
             "does not answer": named(self.holes),
             "not excluded": "; ".join(self.open_to),

@@ -42,7 +42,8 @@ class WhyNot(KeyedRecord):
     """The nearest stronger label, the statistic that kept a model from it, and what settles it.
 
     ``frames``, ``episodes`` and ``conditions`` are what is missing; more frames are never named
-    where a condition is. ``first`` is the first way of several that ``settle`` names.
+    where a condition is. The p is that of the rule, corrected where the rule corrects it. ``first``
+    is the first way of several that ``settle`` names.
     """
 
     written = (

@@ -283,7 +283,7 @@ class CalibratedStatistics(Mapping[str, Statistic]):
 
 
 def _standardised(statistic: Statistic) -> Statistic:
-    """Return the trend in standard deviations of its null; negative: less braking when nearer."""
+    """Return the trend in standard deviations of its null; negative: more braking when nearer."""
     if not isinstance(statistic, Trend) or statistic.value is None or statistic.null_sd == 0:
         return statistic
     method = f"standard deviations from the null; {statistic.method}"

@@ -426,7 +426,7 @@ class EarlyStop(Stages):
 
 
 def typical(asked: QuestionOrder) -> dict[str, int]:
-    """Return the calls that an unvarying model of each kind takes, for the early labels."""
+    """Return the calls of a model of each kind that never contradicts itself, by early label."""
     result = {}
     for label in (rule.label for rule in EARLY.rules if rule.label != NOT_YET):
         course = StoppingState(asked)

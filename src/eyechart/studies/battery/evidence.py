@@ -245,7 +245,7 @@ def _bound(
     against: str = f"the mean excess is {MARGIN} or more",
     alpha: float = ALPHA,
 ) -> Claim:
-    """Return the claim that a mean excess is below the margin; frames without one do not count."""
+    """Return the claim that a mean excess is below the margin; a frame without one pays 0."""
 
     def payoff(row: FrameAnswers) -> float:
         found = excess(row)

@@ -203,7 +203,10 @@ class Battery(PlannedRun):
         return [
             f"stop early: {GUARANTEE}",
             f"stop early: {VALIDITY}",
-            f"stop early: at most {most} calls per model; a model that never varies takes about {usual or 'as many'}",
+            (
+                f"stop early: at most {most} calls per model; a model whose repeats never differ takes "
+                f"{usual or 'as many'}"
+            ),
         ]
 
     def _after(self) -> list[str]:

@@ -46,7 +46,7 @@ class BankPower:
     disagrees with itself. ``largest_disagreement`` is the self-disagreement up to which an effect
     below the margin can be bounded; both are None where it cannot.
 
-    ``stopped_early`` maps a label to the calls of an unvarying model with --stop-early.
+    ``stopped_early`` maps a label to the calls with --stop-early if repeats never differ.
     ``cannot_say`` maps a test to the reason. ``odds`` say how often known kinds of models get their
     labels; ``labels`` say whether each calibrated label can be reached.
     """
@@ -102,7 +102,7 @@ class BankPower:
         episodes = ", ".join(f"{scenario} {count}" for scenario, count in self.episodes.items())
         calls = ", ".join(f"{name} {count}" for name, count in self.calls.items())
         controls = ", ".join(f"{name} {count}" for name, count in self.controls.items() if count) or "none"
-        needed = " or ".join(f"{n} against {chance}" for chance, n in self.directional_needed.items())
+        needed = " or ".join(f"{n} turns against {chance}" for chance, n in self.directional_needed.items())
         turns = "—" if self.directional_frames is None else self.directional_frames
         said = [
             f"bank {self.bank}: {self.frames} frames; episodes by scenario: {episodes}",
@@ -116,7 +116,7 @@ class BankPower:
             f"distance by observation: smallest p with exchanged episodes: {_number(self.smallest_p_exchange)}",
             (
                 f"turns: {turns} frames demand a turn; to distinguish a swap rate of {SWAP_RATE} from "
-                f"chance takes {needed} turns; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
+                f"chance takes {needed}; smallest rate found against .5: {_number(self.smallest_swap_rate)}"
             ),
             (
                 f"absence: the smallest effect that can be bounded is {_number(self.smallest_bound)}; a bound below "
@@ -128,7 +128,7 @@ class BankPower:
         early = ", ".join(f"{count} ({label})" for label, count in counts) or "as many"
         said.append(self.odds.words)
         most = f"at most {sum(self.calls.values()) + sum(self.controls.values())} calls per model"
-        said.append(f"stopping early (--stop-early): {most}; a model that never varies takes about {early}")
+        said.append(f"stopping early (--stop-early): {most}; a model whose repeats never differ takes {early}")
         more = f"and up to {sum(self.controls.values())} of controls"
         said += [f"model {spec}: {self.asked(spec)['calls']} calls {more}, cost —" for spec in specs]
         said += [f"cannot say: {test}: {why}" for test, why in self.cannot_say.items()]

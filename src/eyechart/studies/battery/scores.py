@@ -51,7 +51,7 @@ HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mu
 
 @dataclass(frozen=True)
 class ModelScore(KeyedRecord):
-    """One model's decisions and statistics. ``holm`` maps a test to its p over the run's models.
+    """One model's decisions and statistics; ``holm`` has each test's p corrected over the models.
 
     ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped``
     says where the run settled its verdict early. Then ``answers`` and ``answered`` hold the calls

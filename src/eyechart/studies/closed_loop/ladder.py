@@ -98,7 +98,7 @@ NUMBERS = {name: attrgetter(name) for name in ("distance_m", "reward", "speed_mp
 
 @dataclass(frozen=True)
 class SuccessCriteria:
-    """The definition of success: the goal, or in ``without_goal`` scenarios the time limit.
+    """The definition of success: the goal, or the time limit in scenarios not ``with_goal``.
 
     A scenario has a goal where any of the episodes reached one, or where the simulator declares it.
     """

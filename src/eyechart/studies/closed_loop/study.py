@@ -128,7 +128,7 @@ class ClosedLoopScore:
 
     @cached_property
     def replays(self) -> tuple[ReplayComparison, ...]:
-        """Return the replay of each driver by each scripted controller."""
+        """Return each driver's comparison with each scripted controller."""
         return tuple(found for drive in self.drives for found in replays(drive, resamples=self.resamples))
 
     @cached_property

@@ -250,7 +250,7 @@ def audited_table(rows: Sequence[Degeneracy]) -> Table:
 
 
 def paper_words(rows: Sequence[PaperComparison], rungs: Sequence[LadderRow]) -> list[str]:
-    """Return in words the best policies, and the rows that differ from the paper's."""
+    """Return the best policies, and rows that differ from the paper's by 2 % (crashes: one)."""
     words = [unlike(rows)] if unlike(rows) else []
     real = [rung for rung in rungs if rung.driver.condition == "real"]
     best = {NAMES[name]: " and ".join(who) for name, who in leads(real).items()}

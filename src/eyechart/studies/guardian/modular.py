@@ -41,7 +41,7 @@ class ModularReplay(KeyedRecord):
     renderer policy acts and agrees with itself, so ``agreement_answered`` leaves those frames out.
 
     ``ceiling`` and ``ceiling_answered`` are the agreement of a perfect guardian, which answers the
-    truth. They are below 1 because the guardian answers about one distance and the policy heeds
+    truth. They may be below 1 because the guardian answers about one distance and the policy heeds
     others too. ``equivariance`` is the share of frames whose reflection gets the reflected action.
     It tests the reader and the policy alone, since the votes on a frame and its reflection are
     exchanged.

@@ -55,7 +55,7 @@ COMPLETES = Axis(
         Rule("completion_alone", NEEDED[0]),
     ),
 )
-"""The predicate in sentences about a planner's drives without its own pictures."""
+"""The labels of a planner, by its drives without its own pictures."""
 
 _WITH = {"real": "with real pictures", "mirrored": "mirrored", "blank": "blank", "shuffled": "shuffled"}
 

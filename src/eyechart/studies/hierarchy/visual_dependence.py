@@ -21,7 +21,7 @@ def why_not(many: Sequence[BlindBaseline]) -> str:
     """Return why sight is not shown for a planner; empty if it is shown."""
     held = {baseline.condition: baseline for baseline in many}
     if lacking := [name for name in NEEDED if name not in held]:
-        return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, so nothing can be compared."
+        return f"It did not drive the same worlds with {' and '.join(lacking)} pictures, which the comparison needs."
     unshown = [held[name] for name in NEEDED if not shows(held[name])]
     if not unshown:
         return ""

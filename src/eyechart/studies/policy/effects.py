@@ -289,7 +289,7 @@ class Effects:
 
     @cached_property
     def _by_bytes(self) -> Floats | None:
-        """Return the answers to nudged pictures (one value one level off) if they differ."""
+        """Return answers to nudged pictures (one value one level off) if they differ, else None."""
         found = self.total("nudged")
         if found.value is None or found.value < LEAST_NOISE or (found.p is not None and found.p > ALPHA):
             return None
@@ -330,7 +330,7 @@ class Effects:
         return replace(share, ci=(min(low, share.ci[0]), share.ci[1]), bytes=bytes_)
 
     def total(self, condition: str) -> Statistic:
-        """Return the share of the variation that changes under a condition."""
+        """Return the share of the variation that changes under a condition; parts in ``detail``."""
         pairs, changed = self.pairs(condition), self._motions.of(condition)
         if isinstance(pairs, str) or changed is None:
             return not_available(str(pairs))
@@ -604,7 +604,7 @@ class Effects:
         return (None if along is None else sum(along.values(), np.zeros(len(full)))), full
 
     def _along(self, which: str, told: str = "") -> dict[str, Floats] | None:
-        """Return the motion with the object forth less that with it back, by axis."""
+        """Return the motion with the object forth less back, by axis; None if not run."""
         forth, back = (self._motions.raw(f"{told}{which}_{side}") for side in ("plus", "minus"))
         space = self._motions.plan.motions
         if forth is None or back is None or not space.axes:

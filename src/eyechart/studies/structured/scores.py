@@ -116,7 +116,7 @@ class Figures:
         return mean_of_shares(*counted)
 
     def _gap_error(self) -> Statistic:
-        """Return the gap's mean absolute error in metres, over leads in the picture."""
+        """Return the mean absolute error of estimated gaps of leads in the picture, in metres."""
         if self._told.unit != "m":
             return not_available(f"the bank's gap is in {self._told.unit}, and estimates are in metres")
         told = [-1.0 if one is None or one.gap_m is None else one.gap_m for one in self._real]
