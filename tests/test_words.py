@@ -17,7 +17,7 @@ Built Calibrated Calling Closed Coded Comparing Costing Counted Course Declared 
 Described Discordant Drawn Driven Driving Early Embedded Ended Exchanged Extent Failure
 Finding First Followed Found Frozen Full Given HalfBlind Halting Held How HowTold InStages
 Judged Kept Known Lacking Later Left Loading Logged Looking Made Making Measured Met Mirrored
-Misfit Moved Nested OfEpisodes OfFrames OfModel OnePolicy Online Opened Opening Other Packed
+Misfit Moved Nested OfEpisodes OfFrames OfModel OnePolicy Online Opened Opening Packed
 Paired Pictured Placed Plain Planned Planning Printed Published Read Recorded Reflected
 Refused Remembering Rig Ruled Rung Said Same Scored Seen Sent Served Shared Shown Shows Sized
 Speaker Spending Spent Stated Staying Stopped Streamed Structured Told Took Tried Twins

@@ -192,8 +192,8 @@ def staged(answers: Answers, how: Resampling) -> Answers:
     answers = sampled(answers, how.seed)
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in decisions})
-        calibratedstatistics = CalibratedStatistics(CalibratedTests(part, how))
-        more = verdicts.controls_wanted(calibratedstatistics, supplied=CONTROLS, asked=decisions)
+        statistics = CalibratedStatistics(CalibratedTests(part, how))
+        more = verdicts.controls_wanted(statistics, supplied=CONTROLS, asked=decisions)
         if not more:
             return part
         decisions += [name for name in more if name in answers.decisions]

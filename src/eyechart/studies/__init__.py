@@ -220,10 +220,10 @@ class Study(ABC, Generic[S]):
 
     def took(self, folder: Path, prices: Prices) -> RunCosts:
         """Return the costs of all runs of a folder."""
-        runcosts = RunCosts()
+        costs = RunCosts()
         for name, run in self.runs(folder).items():
-            runcosts.add(name, self.took_run(run, prices))
-        return runcosts
+            costs.add(name, self.took_run(run, prices))
+        return costs
 
     def deployment(self, runs: Sequence[Path], reading: ReadOptions) -> "Table | None":
         """Return cost and time per decision, in the paper's units; None where no model was called.

@@ -258,10 +258,10 @@ class StoppingState:
         """Return the label of the whole-run rules, for all frames and the walk's conditions."""
         frames = self.layout.frames
         shown = {name: tuple(given.get((frame.id, name)) for frame in frames) for name in sorted(walk.conditions)}
-        calibratedstatistics = CalibratedStatistics(
+        statistics = CalibratedStatistics(
             CalibratedTests(Answers("", frames, self.layout.space, None, shown), Resampling())
         )
-        return calibrated_rules(calibratedstatistics, turns=False)[0].label
+        return calibrated_rules(statistics, turns=False)[0].label
 
     def _count(self, row: FrameAnswers) -> None:
         """Add the next frame to the open claims; once there is a label, to its two checks."""

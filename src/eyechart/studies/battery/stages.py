@@ -81,10 +81,10 @@ def asked_of_model(
     while finished.issuperset(replace(plan, controls={model: (*judged, *wanted)}).keys_of(model)):
         judged = (*judged, *wanted)
         part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
-        calibratedstatistics = CalibratedStatistics(
+        statistics = CalibratedStatistics(
             CalibratedTests(part, Resampling(seed=plan.seed), sure)
         )  # however the run is scored
-        wanted = controls_wanted(calibratedstatistics, supplied=may, asked=judged)
+        wanted = controls_wanted(statistics, supplied=may, asked=judged)
         if not wanted:
             return ControlProgress(judged, ended=True)
     return ControlProgress(judged, wanted, tuple(name for name in may if name not in judged + wanted))

@@ -230,7 +230,7 @@ class EpisodeStudy(Study[S]):
 
     def took_run(self, run: Path, prices: Prices) -> RunCosts:
         manifest, space = self.asked(run)
-        runcosts = RunCosts(probes=dict(manifest.probes))
+        costs = RunCosts(probes=dict(manifest.probes))
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
@@ -238,8 +238,8 @@ class EpisodeStudy(Study[S]):
                     for attempt in ledger.attempts(spec):
                         book.add(attempt)
                         served.add(attempt)
-                    runcosts.accounts[spec], runcosts.guards[spec] = book.accounts(), served.guards()
-        return runcosts
+                    costs.accounts[spec], costs.guards[spec] = book.accounts(), served.guards()
+        return costs
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:
         del banks
