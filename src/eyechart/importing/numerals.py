@@ -264,7 +264,7 @@ def _marks(where: Mapping[float, Sequence[str]]) -> Iterator[float]:
 
 
 def _is_round(number: float) -> bool:
-    """Return whether a number is 100, 250, 1000 or the like: two digits, then zeros."""
+    """Return whether a number is round, as 100, 250, 1000: at most two digits, then zeros."""
     return number > _LEAST_MARK and len(f"{number:.15g}".rstrip("0")) <= _FEW_DIGITS
 
 

@@ -75,7 +75,7 @@ def squared_distance(first: npt.ArrayLike, second: npt.ArrayLike) -> Floats:
 
 
 def half_products(r: Floats, s: Floats) -> Floats:
-    """Return `half_squares` before its mean over the numbers of an answer, shape (n, …)."""
+    """Return `squared_distance` before its mean over the numbers of an answer, shape (n, …)."""
     apart, k = r - s, len(r)
     if k == 1:
         return np.asarray(apart[0] ** 2 / 2)

@@ -975,7 +975,7 @@ def _without_lists(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMen
 
 
 def _without_pedals(marked: str, judged: list[_PlacedMention], names: ActionNames) -> list[_PlacedMention]:
-    """Return the mentions; a pedal's number beside other controls is no choice."""
+    """Return the mentions; a pedal's number is no choice beside other controls, or with signs."""
     if not any(name.startswith("-") for name in names.actions) and len(_CONTROL.findall(marked)) < _BOTH:
         return judged
     return [

@@ -113,7 +113,7 @@ class ObservedFrames(JsonRecord):
 def check(simulator: Simulator, episode: Episode, view: View | None) -> ObservedFrames:
     """Replay an episode by its executed actions, and check every frame of its estimator.
 
-    Renderer integrity and the positive control are those of `online.vet`.
+    Renderer integrity and the positive control are those of `online.vet_worlds`.
     """
     key, checks = episode.key, FrameChecks()
     drive = simulator.drive(key.scenario, key.seed)
