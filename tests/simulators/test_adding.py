@@ -179,7 +179,7 @@ def rewritten(root: Path, change: Change) -> None:
     change(raw)
     raw["settings"] = {name: one for name, one in raw["settings"].items() if one is not None}
     path.write_text(json.dumps(raw))
-    with pytest.raises(BankError, match="declaration .* was changed after it was made"):
+    with pytest.raises(BankError, match=r"declaration .* was changed after it was made"):
         open_bank(root)
     kept = {field.name: raw[field.name] for field in fields(BankManifest) if field.name in raw}
     path.write_text(json.dumps(raw | {"declaration": build(BankManifest, kept).declaration}))

@@ -26,7 +26,8 @@ Status = Literal["chosen", "half", "denied", "listed", "said"]
 """The use of a named action; ``half`` is chosen with something unread: "LEFT and accelerate"."""
 
 _SHORT = 80
-"""In a text up to this length, one named action is a choice if its name has no other use."""
+"""In a text of at most so many characters, one named action is a choice if its name has no other
+use."""
 _LEFT, _RIGHT, _JOINT = 160, 80, 40
 """Characters to read before a mention, after it, and between two in one list."""
 _MENTIONS_AT_MOST = 2000
