@@ -35,8 +35,8 @@ class RunAllowance:
     """How a run may be made: its limits, its concurrency, and steps before it.
 
     ``again`` retries calls that failed in transport. ``sequential`` asks models one after another
-    (`eyechart.models.sequential_groups`). ``processes`` hold the worlds of drives. ``watch`` shows a page
-    during the run. ``moved`` allows another address of a model. ``no_probe`` skips probing.
+    (`eyechart.models.sequential_groups`). ``processes`` hold the worlds of drives. ``watch`` shows a
+    page during the run. ``moved`` allows another address of a model. ``no_probe`` skips probing.
     ``before`` was spent outside the run and counts towards its limits.
     """
 

@@ -91,7 +91,7 @@ def why_not_opened(manifest: EpisodesManifest) -> str:
 
 
 def world_of(run: Path, manifest: EpisodesManifest) -> Simulator:
-    """Open the world of a run that `why_not_opened` does not refuse, with the run's own action map."""
+    """Open the world of a run that `why_not_opened` allows, with the run's own action map."""
     actions = run / ACTION_MAP
     return open_simulator(manifest.simulator, actions=actions if actions.is_file() else None)
 
