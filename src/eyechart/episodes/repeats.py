@@ -160,7 +160,7 @@ def repeat(
 
 
 def longest(manifest: EpisodesManifest, episodes: Sequence[Episode]) -> int:
-    """Return the bound of a replay's steps: one more than the longest that ended in error."""
+    """Return the most steps of a replay: the longest episode's, and one more after an error."""
     steps = max((len(episode.steps) + (episode.ended == "error") for episode in episodes), default=1)
     return max(1, min(steps, manifest.max_steps))
 

@@ -794,7 +794,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_PlacedMention])
 
 
 def _joins(marked: str, before: int, place: int, end: int) -> bool:
-    """Return whether two mentions are in one list."""
+    """Return whether two mentions are in one list; a comma before a predicate joins none."""
     between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
     if len(between) > _JOINT or not _JOINED.fullmatch(between):
         return False
