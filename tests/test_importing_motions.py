@@ -437,8 +437,8 @@ def stops(*drives: int, black: bool = False) -> Callable[[Path, Rows], None]:
 NOISE = np.random.default_rng(3).normal(size=48)
 FAR = {
     "motion 'aj1': a few numbers lie far from all others (1e+03 from the median, where 95 of 100 are within 0.99), in "
-    "2 of 40 logged motions: answers are not compared with these; correct them, or declare the scale if "
-    "it is a rare move": sets("aj1", lambda number: 1000 if number == 14 else None),
+    "2 of 40 logged motions: answers are not compared with these, and they set no scale; correct them, or "
+    "declare the scale if it is a rare move": sets("aj1", lambda number: 1000 if number == 14 else None),
     "motion 'aj1': a few numbers lie far from all others (50 from the median, where 95 of 100 are within 1.1), in "
     "several episodes: a rare move, or wrong rows, which would set the scale of all others; correct them, or "
     "declare the scale": sets("aj1", lambda number: 50 if number in {12, 36} else None),

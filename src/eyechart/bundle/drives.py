@@ -205,7 +205,7 @@ def _hold(repeats: ReplayDifferences, found: RunCheck, apart: str, *, same_pictu
 
 
 def _hold_states(repeats: ReplayDifferences, found: RunCheck) -> None:
-    """Compare exact states with the record; if none agrees, another machine drove."""
+    """Compare exact states with the record; if all differ, one to one, another machine drove."""
     unlike = [state for state in repeats.states if state[1] != state[2]]
     one_to_one = len({pair[1:] for pair in repeats.states}) == len({state[1] for state in repeats.states})
     if unlike and len(unlike) == len(repeats.states) and one_to_one:

@@ -98,7 +98,7 @@ def matched_of(bank: FrameBank) -> tuple[int, int]:
 
 
 def unreachable(bank: FrameBank) -> dict[str, str]:
-    """Return the labels that no policy can get on a bank, with why; "LABEL of camera:NAME"."""
+    """Return why no policy can get a label on a bank; of a camera, "LABEL of camera:NAME"."""
     result: dict[str, str] = {}
     for label, why in (*_of_episodes(bank), *_of_cameras(bank), *_of_the_rest(bank)):
         result.setdefault(label, why)

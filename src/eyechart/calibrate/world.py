@@ -124,7 +124,7 @@ NO_PICTURE, UNIFORM, NOISE = (
 
 @dataclass(frozen=True, slots=True)
 class SimulatedView:
-    """The stimulus of one frame: the sight, and the passed share of its episode, if any."""
+    """The stimulus of one frame: the sight, and the passed share of its episode; None: no road."""
 
     sight: PerceivedPicture
     passed: float | None

@@ -42,8 +42,8 @@ def closed_loop(
     policy: Annotated[
         list[str] | None,
         typer.Option(
-            help="The driver; repeat for more: constant:ACTION, random, marginal:RUN, marginal:SPEC of a model in "
-            "this run, oracle, positive_control, or a model's SPEC."
+            help="The driver; repeat for more: constant:ACTION, random, marginal:RUN, marginal:SPEC of another "
+            "driver of this run, oracle, positive_control, or a model's SPEC."
         ),
     ] = None,
     mode: options.Mode = None,

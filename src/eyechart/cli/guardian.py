@@ -132,7 +132,7 @@ def fit(
 
     These are the rows whose column split is calibration, or the frames of --calibration, or else
     all rows. In a tie, a committee in which every model votes hazard somewhere wins. Then the first
-    in alphabetical order wins, then the lowest threshold. Example: eyechart guardian fit votes.csv
+    in lexicographic order wins, then the lowest threshold. Example: eyechart guardian fit votes.csv
     --out guardian.json
     """
     from eyechart.destination import require_free, whole

@@ -338,6 +338,7 @@ def _pairs(
     for text in given or ():
         name, found, value = text.partition(sign)
         if not found or not name.strip():
+            # Only its start is quoted: it may be a secret.
             raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")
         pairs[name.strip()] = read(value.strip())
     return pairs or None

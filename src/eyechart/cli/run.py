@@ -58,9 +58,9 @@ View = Annotated[
 @app.command(
     epilog="Example: eyechart run battery --model scripted:depth --frames bank --out run. With --stop-early, the "
     "chance of a false early verdict is at most .05 per model, however often one looks. It is .01 for each of "
-    "not_scorable, depth by intervention, presence_only, refusal_effect and image_invariant. The chance that "
-    "only the early part is not_scorable is .02. An observed relation with the gap never stops a run. Try it "
-    "with --dry-run first."
+    "not_scorable, depth_associated, presence_only, refusal_effect and image_invariant; depth is judged by the rules "
+    "of a whole run. The chance to stop with another verdict where the whole run would have been not_scorable is at "
+    "most .02. An observed relation with the gap never stops a run. Try it with --dry-run first."
 )
 @options.expanded
 def battery(

@@ -26,8 +26,8 @@ def score(
 ) -> None:
     """Print the statistics of a run with interval, n and p.
 
-    By default these are the ones that decided the verdict, or were closest to it. --json says how
-    each was found. Example: eyechart score run --all
+    By default these are the ones that decided the verdict or kept it from a stronger one, and the
+    main ones. --json says how each was found. Example: eyechart score run --all
     """
     from eyechart.studies import ReadOptions, Study, study_of
 

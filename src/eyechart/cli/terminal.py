@@ -243,7 +243,7 @@ def was_told_to_end() -> bool:
 
 
 def how_it_ends() -> tuple[int, str]:
-    """Return the exit code of a command that a signal ends, and a word for the signal."""
+    """Return the exit code after a signal, 128 and its number, and a word for the signal."""
     number = _came[0] if _came else 2
     return 128 + number, {1: "hung up", 15: "terminated"}.get(number, "interrupted")
 

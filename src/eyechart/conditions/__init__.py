@@ -284,7 +284,8 @@ CONDITIONS: dict[str, Condition] = {name: condition for name, condition in TABLE
 """The conditions of models."""
 
 PARTNERS: tuple[str, ...] = tuple(name for name, condition in TABLE.items() if condition.over == "channel")
-"""Conditions that show a partner's channel: any partner, one at a similar state or nearby."""
+"""Conditions that exchange channels with a partner: any one of another episode, one at a similar
+state, or one of the own episode. ``kept`` exchanges all channels but the named one."""
 
 BATTERY: tuple[str, ...] = (
     "real",

@@ -91,7 +91,7 @@ def why_not_opened(manifest: EpisodesManifest) -> str:
 
 
 def world_of(run: Path, manifest: EpisodesManifest) -> Simulator:
-    """Open the world of a run that is not `refused`, with the run's own action map."""
+    """Open the world of a run that `why_not_opened` allows, with the run's own action map."""
     actions = run / ACTION_MAP
     return open_simulator(manifest.simulator, actions=actions if actions.is_file() else None)
 
@@ -117,7 +117,7 @@ def repeat(
     ``exact`` compares every field, and the rounded state after each step by its digest. Otherwise
     decisions are compared, and truth, reward, speed and distance to 3 decimals. An episode in error
     is driven for one step more than recorded, to find one that was cut short. Raises SpecError for
-    a run that is `refused`.
+    a run that `why_not_opened` refuses.
     """
     if why := why_not_opened(manifest):
         raise SpecError(why)
@@ -160,7 +160,7 @@ def repeat(
 
 
 def longest(manifest: EpisodesManifest, episodes: Sequence[Episode]) -> int:
-    """Return the bound of a replay's steps: one more than the longest that ended in error."""
+    """Return the most steps of a replay: the longest episode's, and one more after an error."""
     steps = max((len(episode.steps) + (episode.ended == "error") for episode in episodes), default=1)
     return max(1, min(steps, manifest.max_steps))
 

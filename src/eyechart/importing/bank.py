@@ -127,7 +127,10 @@ class Choices:
 
 @dataclass(frozen=True)
 class ImportSource:
-    """The source of pictures: a folder, a generator of frames with pictures, and settings."""
+    """The source of pictures: a folder, a generator of frames with pictures, and settings.
+
+    While frames are made, ``converted`` counts conversions and ``said`` takes lines on omissions.
+    """
 
     folder: Path
     pictures: Callable[[Sequence[Frame]], Iterator[FramePictures]]

@@ -54,7 +54,7 @@ STATE, ACTION = ("observation.state", "state"), ("action", "actions")
 
 @dataclass(frozen=True)
 class Dataset:
-    """A data set: its files, its description, its cameras' reels, its episodes and its tasks.
+    """A data set: its files, its description, its cameras' videos, its episodes and its tasks.
 
     ``timeline`` records its rows as they are read; ``said`` collects the parts that are left out.
     ``task`` is the column with the number of each row's task.

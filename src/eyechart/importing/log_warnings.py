@@ -43,8 +43,8 @@ def _far_in_motion(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
     if faults:
         said = _far(logged, space, [place for place, name in enumerate(names) if name in faults])
         yield (
-            f"motion {said}, in {len(left)} of {len(logged)} logged motions: answers are not compared with these; "
-            "correct them, or declare the scale if it is a rare move"
+            f"motion {said}, in {len(left)} of {len(logged)} logged motions: answers are not compared with these, "
+            "and they set no scale; correct them, or declare the scale if it is a rare move"
         )
     recur = [
         place

@@ -225,8 +225,8 @@ def odd_gaps(
     """Return the faults of the gap's numbers: below zero, and with ``marks``, undeclared marks.
 
     ``named`` names each row for messages. A distance is never below zero. Three kinds of number are
-    taken for marks: nines and a type's limit, a frequent round number far above all others, and a
-    repeated zero far below all others.
+    taken for marks if they are far from all others: nines and the like (`_is_marklike`), a frequent
+    round number, and a repeated zero.
     """
     where: dict[float, list[str]] = {}
     for number, name in zip(numbers, named, strict=True):
@@ -264,12 +264,12 @@ def _marks(where: Mapping[float, Sequence[str]]) -> Iterator[float]:
 
 
 def _is_round(number: float) -> bool:
-    """Return whether a number is 100, 250, 1000 or the like: two digits, then zeros."""
+    """Return whether a number is round, as 100, 250, 1000: at most two digits, then zeros."""
     return number > _LEAST_MARK and len(f"{number:.15g}".rstrip("0")) <= _FEW_DIGITS
 
 
 def _is_marklike(number: float) -> bool:
-    """Return whether a number is nines (999, 9999.9), a large power of ten, or a type's limit."""
+    """Return whether a number is nines (999, 9999.9), a power of ten from 1e6 on, or a limit."""
     digits = f"{number:g}".replace(".", "")
     nines = number > _LEAST_MARK and set(digits) == {"9"}
     power = number >= _LARGE and set(digits.split("e")[0]) <= {"1", "0"}

@@ -97,7 +97,7 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
 
 
 def open_policy(policy: str | OpenedModel, timeout_s: float | None = None) -> OpenedModel:
-    """Open the policy of a SPEC with a time limit; return an open one unchanged."""
+    """Open the policy of a SPEC with a time limit in seconds; return an open one unchanged."""
     if isinstance(policy, OpenedModel):
         return policy
     mode = policy_mode(policy, timeout_s)

@@ -74,7 +74,8 @@ def marginal(name: str, space: Discrete, recorded: RecordedActions) -> Marginal:
     """Open ``marginal:RUN``; raises SpecError if the run has no decision of these actions."""
     if not name:
         raise SpecError(
-            "a marginal is given as marginal:RUN, with the folder of a run, or as marginal:SPEC, with another driver"
+            "a marginal is given as marginal:RUN, with the folder of a run, or as marginal:SPEC, with "
+            "another driver of the same run"
         )
     counts = dict(recorded(Path(name)))
     if strange := sorted(counts.keys() - set(space.actions)):

@@ -68,7 +68,7 @@ class Form(NamedTuple):
 
 
 def dropped(sight: SightAnswers, came: Sequence[Reply], bare: Reply, form: Form) -> Fault | None:
-    """Return a fault if the server's token counts prove that it drops the run's pictures.
+    """Return a fault if token counts prove that the server drops the run's pictures, else None.
 
     Drawn pictures add tokens, but a prompt with a picture of the run has only those of its text.
     """

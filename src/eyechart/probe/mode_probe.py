@@ -301,7 +301,7 @@ def _is_blocked(reply: Reply) -> bool:
 
 
 def _seed_matters(drawn: Sequence[Reply]) -> bool | None:
-    """Return whether equal seeds give equal replies; None where another seed changes nothing."""
+    """Return whether equal seeds give equal replies; None if others do too, or a call failed."""
     if any(reply.error is not None for reply in drawn) or len({reply.text for reply in drawn}) == 1:
         return None
     return drawn[0].text == drawn[1].text

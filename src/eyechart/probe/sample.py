@@ -50,7 +50,7 @@ class Sample:
 
 
 def default_sample(prompt: str = "baseline") -> Sample:
-    """Return a prompt with sketches of a road; raises SpecError for an unknown prompt."""
+    """Return a built-in prompt, or a file's, with sketches of a road; SpecError for another."""
     found = find_prompt(prompt)
     space = found.asks(DRIVING)
     said = dict.fromkeys(found.fields, "unknown")

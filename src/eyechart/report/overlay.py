@@ -53,7 +53,7 @@ def over(picture: Image.Image, sketch: Sketch, scale: int) -> Image.Image:
 
 
 def pieces(line: npt.NDArray[np.float64]) -> list[list[tuple[float, float]]]:
-    """Return the parts of a line before the camera, as points in tenths of a pixel."""
+    """Return the parts of a line before the camera, as points in pixels, to a tenth."""
     found: list[list[tuple[float, float]]] = [[]]
     for x, y in np.round(line, 1).tolist():
         if math.isnan(x):

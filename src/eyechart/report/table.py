@@ -253,7 +253,7 @@ class Table:
         return [[_plain(column.shown(c)) for c, column in zip(row, self.columns, strict=True)] for row in self.rows]
 
     def short(self) -> "Table":
-        """Return the table without word columns that are empty and columns that never vary."""
+        """Return the table without empty word columns, and ``varies`` columns that do not vary."""
         texts = list(zip(*self.texts(), strict=True)) or [()] * len(self.columns)
         kept = [
             place

@@ -16,7 +16,8 @@ class ServerLimits:
     header, before it is decoded. A connection without a request is closed after ``idle_s``. A new
     connection beyond ``connections`` gets 503. A request has at most ``headers`` headers. ``hosts``
     are names of the server: a server on this machine alone also has the machine's own names, and
-    any other one without ``hosts`` answers to any name. The deadline is the guardian's.
+    any other one without ``hosts`` answers to any name. The deadline is the
+    guardian's, from the head of a request to its answer.
     """
 
     concurrency: int = 8

@@ -40,7 +40,7 @@ class Drive(Protocol):
         """Return the camera's picture, shape (h, w, 3), uint8, with no effect on the world."""
 
     def truth(self) -> Mapping[str, Scalar]:
-        """Return the ground truth of this moment, with the columns of the simulator's banks."""
+        """Return this moment's truth by the columns of the simulator's banks; None is "none"."""
 
     def step(self, action: str) -> StepResult:
         """Drive on with this action for one decision's time; raises ValueError after the end."""

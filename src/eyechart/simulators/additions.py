@@ -64,7 +64,7 @@ def add_missing(root: Path, out: Path | None = None, progress: Progress | None =
     They are added to a copy at ``out``, or to the bank itself if ``out`` is None. Returns the bank
     and the number of added pictures. Raises SpecError if no known simulator made the bank. Raises
     BankError if the bank is damaged, if its moments are drawn differently today, or if ``out``
-    exists. After an error the bank is unchanged.
+    is taken. After an error the bank is unchanged.
     """
     bank = open_bank(root)
     why = f"nothing can be added to {root}: "

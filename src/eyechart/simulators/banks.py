@@ -126,7 +126,7 @@ class Preset:
     staged: Mapping[int, Callable[[str, int, int], Iterator[Moment]]] = field(default_factory=dict)
 
     def staging(self, version: int) -> tuple[int, Callable[[str, int, int], Iterator[Moment]]]:
-        """Return the moments of a staging version, after the version that introduced them."""
+        """Return the version that introduced a staging version's moments, and these moments."""
         since = max((one for one in self.staged if one <= version), default=DOZENS)
         return since, self.staged.get(since, self.moments)
 
@@ -191,7 +191,7 @@ class BankMaker(ABC):
         ``controls_seed`` draws the distances in the control pictures, and affects nothing else.
         ``staging`` is the version of the moments. ``progress`` gets the number of frames written
         and their total. Raises SpecError for an unknown preset, for negative, repeated or missing
-        seeds, and for too few steps. Raises BankError if ``out`` exists.
+        seeds, and for too few steps. Raises BankError if ``out`` is taken.
         """
         declared, seeds = self.declared, [int(seed) for seed in seeds]
         if preset not in declared.presets:

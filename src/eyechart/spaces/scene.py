@@ -28,7 +28,8 @@ from eyechart.spaces.space import (
 )
 
 CLOSE_GAP_M = 18.0
-"""A nearer lead is close (paper, section The Input-Ablation Battery), measured centre to centre."""
+"""A nearer lead is close (paper, section The Input-Ablation Battery). Measuring from centre to
+centre is eyechart's choice."""
 
 STOP_GAP_M = 12.0
 """With a nearer lead the safe action is STOP, whatever the sides."""

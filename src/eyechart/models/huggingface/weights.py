@@ -23,7 +23,8 @@ OPTIONS = {
 _BYTES = {"float32": 4, "float16": 2, "bfloat16": 2}
 _MAPS = ("auto", "balanced", "balanced_low_0", "sequential")
 _PACKED_BITS = {4: 4 + 32 / 64, 8: 8.0}
-"""Bits of a packed weight; NF4 adds a float32 scale for 64 weights (Dettmers et al. 2023)."""
+"""Bits of a packed weight. NF4 adds a float32 scale for 64 weights (Dettmers et al. 2023), and 8
+bits only one for each row."""
 
 _INT8_DTYPE = "float16"
 """The type in which bitsandbytes multiplies weights of 8 bits, whatever the option dtype."""

@@ -67,7 +67,7 @@ class Velocity:
         return replace(self, left=-self.left)
 
     def after(self, intent: DroneIntent, to_left: float, seconds: float) -> "Velocity":
-        """Return the velocity command a time later, for a track that lies ``to_left`` m aside."""
+        """Return the command ``seconds`` later, for a track that lies ``to_left`` m aside."""
         sideways = min(max(POSITION_GAIN * to_left, -MOST_ASIDE_MPS), MOST_ASIDE_MPS)
         ahead, left = (intent.speed - self.ahead) / LAG_S, (sideways - self.left) / LAG_S
         size = math.hypot(ahead, left)

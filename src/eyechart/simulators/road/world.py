@@ -47,7 +47,10 @@ S_co = TypeVar("S_co", bound=VehicleState, covariant=True)
 
 @dataclass(frozen=True)
 class RoadWorld(Generic[S_co]):
-    """A vehicle's state in a layout, its last chosen track, and the seconds passed."""
+    """A vehicle's state in a layout, its last chosen track, and the seconds passed.
+
+    ``vehicle`` names the view of its camera.
+    """
 
     vehicle: ClassVar[str]
 

@@ -108,7 +108,7 @@ class MpcDrive(RoadDrive[RoverWorld]):
         self.plans: tuple[MpcPlan, ...] = ()
 
     def truth(self) -> Mapping[str, Scalar]:
-        """Return the rover's columns and each track's free distance, ``free_left_m`` and so on."""
+        """Return the rover's columns, and how far each track is free, ``free_left_m`` and so on."""
         left, middle, right = reversed(free_tracks(self.world))
         return {**super().truth(), "free_left_m": left, "free_middle_m": middle, "free_right_m": right}
 

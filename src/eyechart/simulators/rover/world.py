@@ -49,7 +49,7 @@ class RoverState:
 
 
 def advance(state: RoverState, acceleration: float, steering: float, seconds: float) -> RoverState:
-    """Return the state after a time under one acceleration (m/s²) and steering angle (rad).
+    """Return the state ``seconds`` later under one acceleration (m/s²) and steering angle (rad).
 
     A positive angle steers to the left. Both are limited to the rover's abilities. The pose is
     integrated by the midpoint rule.

@@ -26,7 +26,8 @@ Status = Literal["chosen", "half", "denied", "listed", "said"]
 """The use of a named action; ``half`` is chosen with something unread: "LEFT and accelerate"."""
 
 _SHORT = 80
-"""In a text up to this length, one named action is a choice if its name has no other use."""
+"""In a text of at most so many characters, one named action is a choice if its name has no other
+use."""
 _LEFT, _RIGHT, _JOINT = 160, 80, 40
 """Characters to read before a mention, after it, and between two in one list."""
 _MENTIONS_AT_MOST = 2000
@@ -793,7 +794,7 @@ def _judged(marked: str, start: int, end: int, placed: Sequence[_PlacedMention])
 
 
 def _joins(marked: str, before: int, place: int, end: int) -> bool:
-    """Return whether two mentions are in one list."""
+    """Return whether two mentions are in one list; a comma before a predicate joins none."""
     between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
     if len(between) > _JOINT or not _JOINED.fullmatch(between):
         return False
@@ -975,7 +976,7 @@ def _without_lists(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMen
 
 
 def _without_pedals(marked: str, judged: list[_PlacedMention], names: ActionNames) -> list[_PlacedMention]:
-    """Return the mentions; a pedal's number beside other controls is no choice."""
+    """Return the mentions; a pedal's number is no choice beside other controls, or with signs."""
     if not any(name.startswith("-") for name in names.actions) and len(_CONTROL.findall(marked)) < _BOTH:
         return judged
     return [

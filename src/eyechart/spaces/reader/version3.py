@@ -22,7 +22,8 @@ _NEGATED = re.compile(
 _JSON_KEYS = ("action", "decision", "answer")
 _MARKER = r"\b(?:action|answer|decision)\W{0,4}(?:[:=>→–—\n-]|\bis\b)\W{0,6}"
 _SHORT = 80
-"""The longest text in which a lower-case action is an answer, unlike "the road is straight"."""
+"""The most characters of a text in which a lower-case action is an answer: in longer prose, "the
+road is straight" is none."""
 
 
 def read_words(visible: str, actions: tuple[str, ...]) -> Decision[str]:

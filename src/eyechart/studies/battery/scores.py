@@ -319,14 +319,14 @@ def taken(
     """Return costs and guards of a plan's calls; ``courses`` limit the calls of an early stop."""
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
-    checks = RequestChecks()
+    requests = RequestChecks()
     for spec in manifest.models:
         mode, space = manifest.mode(spec), plan.space
         book, checks = Book(mode, space, prices), GuardChecks(mode, space)
         for attempt in ledger.attempts(spec):
             book.add(attempt)
             checks.add(attempt)
-            checks.add(attempt)
+            requests.add(attempt)
         course = (courses or {}).get(spec)
         controls = plan.controls.get(spec, ())
         asked = (
@@ -336,7 +336,7 @@ def taken(
         )
         spent[spec] = book.accounts()
         kept[spec] = checks.guards(asked, manifest.fingerprint, spent[spec][ALL].words)
-    return spent, {spec: (*guards, *checks.guards(spec)) for spec, guards in kept.items()}
+    return spent, {spec: (*guards, *requests.guards(spec)) for spec, guards in kept.items()}
 
 
 def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:
