@@ -647,7 +647,8 @@ def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_p
     out, left = tmp_path / "out", tmp_path / ".out.part"
     script = (
         "import os, sys; from pathlib import Path; from eyechart.studies import battery as study;"
-        "study.write_questions(study.questions_of(Path(sys.argv[1]), study.BatterySettings(conditions=('real', 'blank'))),"
+        "settings = study.BatterySettings(conditions=('real', 'blank'));"
+        "study.write_questions(study.questions_of(Path(sys.argv[1]), settings),"
         "Path(sys.argv[2]), progress=lambda done, _: os.kill(os.getpid(), 9) if done == 10 else None)"
     )
     killed = subprocess.run([sys.executable, "-c", script, str(bank.root), str(out)], check=False)
@@ -672,7 +673,7 @@ def test_what_a_killed_export_left_is_cleared_by_the_next(bank: FrameBank, tmp_p
     shutil.rmtree(out)
     left.mkdir()
     (left / "mine.txt").write_text("mine")
-    with pytest.raises(OutputError, match="in the way, and eyechart did not make it"):
+    with pytest.raises(OutputError, match="exists, and eyechart did not make it"):
         study.write_questions(asked, out)
     assert (left / "mine.txt").read_text() == "mine"
 

@@ -43,7 +43,7 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
     assert result.exit_code == 0, result.output
     assert " cameras, camera:top, camera:wrist, state, instruction " in result.stdout
     assert "how often 8 episodes (32 frames) settle it" in result.stdout
-    assert re.search(r"--shapley +64 calls more", result.stdout)
+    assert re.search(r"--shapley +64 more calls", result.stdout)
     words = " ".join(result.stdout.split())
     assert "said of these episodes, not of the data set: where none of 8 responds, up to 43.8% may" in words
     said = json.loads(CliRunner().invoke(app, ["plan", str(bank.root), "--json"]).stdout)
