@@ -45,7 +45,7 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
     assert "how often 8 episodes (32 frames) settle it" in result.stdout
     assert re.search(r"--shapley +64 more calls", result.stdout)
     words = " ".join(result.stdout.split())
-    assert "said of these episodes, not of the data set: where none of 8 responds, up to 43.8% may" in words
+    assert "claimed for these episodes, not of the data set: if none of 8 responds, up to 43.8% may" in words
     said = json.loads(CliRunner().invoke(app, ["plan", str(bank.root), "--json"]).stdout)
     assert (said["episodes"], said["frames"]) == (8, 32)
     assert said["calls"] == policy.plan(bank.root, ["trained:sees"], tmp_path / "run").counts()[0]
