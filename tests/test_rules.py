@@ -87,7 +87,10 @@ def of_early(rng: Random) -> str:
     course.turns = {side: rng.choice((0, 0, 3, 8, 20)) for side in course.turns}
     course.passed, course.frames = 9, rng.choice((5, len(FRAMES)))
     course._judge()
-    return f"{course.label}\t{course.lateral}\t{course.stopped(40)}"
+    point = repr(course.stopped(40)).replace(
+        "StoppingPoint(", "Stopped("
+    )  # as it was called when digests were recorded
+    return f"{course.label}\t{course.lateral}\t{point}"
 
 
 SAID = {"distance": of_distance, "lateral": of_turns, "paper": of_paper, "early": of_early}
