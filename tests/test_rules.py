@@ -89,7 +89,7 @@ def of_early(rng: Random) -> str:
     course._judge()
     point = repr(course.stopped(40)).replace(
         "StoppingPoint(", "Stopped("
-    )  # as it was called when digests were recorded
+    )  # as it was called then
     return f"{course.label}\t{course.lateral}\t{point}"
 
 
