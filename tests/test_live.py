@@ -151,8 +151,8 @@ import resource, sys, threading, time
 from pathlib import Path
 resource.setrlimit(resource.RLIMIT_NOFILE, (int(sys.argv[2]), int(sys.argv[2])))
 from eyechart.models.prices import read_prices
-from eyechart.serve.live import LiveRun, watched
-with watched(LiveRun(Path(sys.argv[1]), read_prices()), lambda url: print(url, flush=True)):
+from eyechart.serve.live import LiveRun, live_server
+with live_server(LiveRun(Path(sys.argv[1]), read_prices()), lambda url: print(url, flush=True)):
     opened = 0
     for line in sys.stdin:  # a run opens a few files at a time, again and again
         for _ in range(50):
