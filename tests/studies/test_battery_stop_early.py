@@ -255,7 +255,8 @@ from eyechart.studies import battery as study
 sys.modules["stand_ins"] = stand_ins
 stand_ins.open_model = lambda *_: stand_ins.StandIn(stand_ins.stop, pause_s=0.01)
 ADAPTERS["standin"] = "stand_ins"
-planned = study.plan(Path(sys.argv[1]), ["standin:steady"], Path(sys.argv[2]), extent=study.BatterySelection(stop_early=True))
+selection = study.BatterySelection(stop_early=True)
+planned = study.plan(Path(sys.argv[1]), ["standin:steady"], Path(sys.argv[2]), extent=selection)
 study.run(planned, concurrency=4)
 """
 
