@@ -139,6 +139,13 @@ def test_what_was_not_asked_is_to_be_asked(
 
 
 @pytest.mark.slow
+def test_a_channel_that_the_bank_lacks_is_asked_for_in_words(scored: PolicyScore) -> None:
+    """With the article that belongs to it."""
+    said = str(settling(scored, f"{HERE}:unread", "camera:side"))
+    assert said.startswith("use a bank with a picture of the side camera: this one has none")
+
+
+@pytest.mark.slow
 def test_a_camera_that_is_kept_or_noise_is_scored_where_it_is_named(scored: PolicyScore, tmp_path: Path) -> None:
     """All but the top camera from elsewhere changes who goes by its state; noise on the wrist changes nothing."""
     root, spec = Path(scored.bank.root).parent.parent / "bank", "python:arms:reach"

@@ -52,7 +52,8 @@ def _to_ask(score: PolicyScore, channel: str) -> Iterator[Advice]:
     """Yield advice on what the bank or the run lacks."""
     what = _in_words(channel)
     if channel not in channels_of(score.bank):
-        yield Advice(f"use a bank with {what.replace('its', 'an', 1)}: this one has none")
+        noun = what.removeprefix("its ")
+        yield Advice(f"use a bank with {'an' if noun[0] in 'aeiou' else 'a'} {noun}: this one has none")
     elif missing := ", ".join(_not_asked(score, channel)):
         yield Advice(f"run the missing conditions ({missing}): 'eyechart run policy' without --conditions runs all")
     elif f"swapped{OVER}{channel}" in conditions_of(score.bank)[1]:
