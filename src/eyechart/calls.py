@@ -129,24 +129,31 @@ class Query:
 
     def sha256(self) -> str:
         """Return the digest of the content without the seed: an audit column, never a cache key."""
-        digest, state = hashlib.sha256(), dict(self.stimulus.state)
+        digest, seen = hashlib.sha256(), self.stimulus
         for part in (
             self.system.encode(),
             self.user.encode(),
-            self._pictured(),
+            _pictured(seen),
             *_bound(self.schema),
-            *([b"state" + json.dumps(state, sort_keys=True).encode()] if state else []),
+            *_stated(seen),
+            *(part for one in seen.past for part in (b"past", _pictured(one), *_stated(one))),
         ):
             digest.update(len(part).to_bytes(8, "big"))
             digest.update(part)
         return digest.hexdigest()
 
-    def _pictured(self) -> bytes:
-        """Return the digest's input for pictures: one alone, several with their cameras."""
-        if len(self.stimulus.images) < 2:
-            return b"-" if self.image is None else b"+" + self.image
-        named = (part for name, image in self.stimulus.images.items() for part in (name.encode(), image))
-        return b"*" + b"".join(len(part).to_bytes(8, "big") + part for part in named)
+
+def _pictured(seen: Stimulus) -> bytes:
+    """Return the digest's input for pictures: one alone, several with their cameras."""
+    if len(seen.images) < 2:
+        return next((b"+" + image for image in seen.images.values()), b"-")
+    named = (part for name, image in seen.images.items() for part in (name.encode(), image))
+    return b"*" + b"".join(len(part).to_bytes(8, "big") + part for part in named)
+
+
+def _stated(seen: Stimulus) -> list[bytes]:
+    """Return the digest's input for a state; none without one."""
+    return [b"state" + json.dumps(dict(seen.state), sort_keys=True).encode()] if seen.state else []
 
 
 def _own(schema: Any) -> Any:  # noqa: ANN401 - JSON of the same shape

@@ -171,12 +171,14 @@ class Frame:
 class Stimulus:
     """Everything that a condition may change: pictures by camera, prompt values and the state.
 
-    It is immutable: one stimulus is shown to every model of a run, and again in a repeated call.
+    ``past`` holds the instants before it, the oldest first; they have no past of their own. It is
+    immutable: one stimulus is shown to every model of a run, and again in a repeated call.
     """
 
     images: Mapping[str, bytes] = field(default_factory=dict)
     fields: Mapping[str, Scalar] = field(default_factory=dict)
     state: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    past: tuple["Stimulus", ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("images", "fields", "state"):
@@ -184,7 +186,7 @@ class Stimulus:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return the recipe of a copy: a read-only view cannot be pickled."""
-        return Stimulus, (dict(self.images), dict(self.fields), dict(self.state))
+        return Stimulus, (dict(self.images), dict(self.fields), dict(self.state), self.past)
 
     @classmethod
     def of(cls, image: bytes | None) -> "Stimulus":
