@@ -275,13 +275,13 @@ $(VLM): $(CORE)
 	@touch $@
 
 $(MODELS): $(DEV)
-	$(PIP) -e '.[dev,hub,parquet,lerobot,film,transformers,serve,ray]'
+	$(PIP) -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray]'
 	@touch $@
 
 # All that the checks need beside dev, in one go, where all of them are run: continuous integration. What nobody imports
 # is not compiled.
 $(EXTRAS): $(DEV)
-	$(PIP) --no-compile -e '.[dev,hub,parquet,lerobot,film,transformers,serve,ray,docs,browser]'
+	$(PIP) --no-compile -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray,docs,browser]'
 	@touch $(MODELS) $(DOCS) $(BROWSER) $@
 
 extras: $(EXTRAS)

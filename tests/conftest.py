@@ -87,7 +87,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 EXTRAS = {
-    "models": ("datasets", "pyarrow", "av", "torch", "transformers", "safetensors", "ray"),
+    "models": ("datasets", "pyarrow", "av", "h5py", "torch", "transformers", "safetensors", "ray"),
     "browser": ("playwright", "axe_playwright_python"),
 }
 """The modules that the tests of a mark need, and that only an extra installs."""

@@ -118,6 +118,9 @@ class SourceDescription:
     ] = None
     state: Annotated[str, typer.Option(help="With --horizon: the features of the state, with commas.")] = ""
     action: Annotated[str, typer.Option(help="With --horizon: the features of the action, with commas.")] = ""
+    rate: Annotated[
+        float | None, typer.Option(help=f"For {takers('rate')}: frames a second, if the files do not have it.")
+    ] = None
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1
     convert: Annotated[
         bool, typer.Option("--convert", help="Convert pictures to upright 8-bit RGB; without it, others are refused.")
@@ -184,11 +187,12 @@ class SourceDescription:
         """Return the ``named`` or the folder's format; raises SpecError for options it lacks."""
         ahead = (self.horizon, self.kind, self.state, self.action) != (None, None, "", "")
         used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
+        used["rate"] = self.rate is not None
         return find_format(self.format_ if named else None, folder, [name for name, given in used.items() if given])
 
     def own(self) -> dict[str, object]:
         """Return the options that only some formats take."""
-        return {"table": self.table, "camera": self.camera, "ahead": self._ahead()}
+        return {"table": self.table, "camera": self.camera, "ahead": self._ahead(), "rate": self.rate}
 
     def _ahead(self) -> "Horizon | None":
         """Return what makes a data set's bank for policies; None without a horizon."""

@@ -1,4 +1,4 @@
-"""Imports of other data: a folder with a table, a LeRobotDataset, or answers made elsewhere.
+"""Imports of other data: a folder with a table, a LeRobotDataset, HDF5, or answers made elsewhere.
 
 These functions are for Python, and their messages name arguments. Commands call the modules
 themselves, whose messages name options.
@@ -6,7 +6,7 @@ themselves, whose messages name options.
 
 from eyechart.errors import in_arguments, speaks_of_arguments
 from eyechart.frames import FrameBank
-from eyechart.importing import bank, lerobot
+from eyechart.importing import bank, demonstrations, lerobot
 from eyechart.importing import costs as lacking
 from eyechart.importing.answers import ImportedAnswer, read_answer_table
 from eyechart.importing.bank import Choices
@@ -28,6 +28,7 @@ __all__ = [
     "ImportedAnswer",
     "Numerals",
     "costs",
+    "import_hdf5",
     "import_lerobot",
     "import_table",
     "open_log",
@@ -37,6 +38,7 @@ __all__ = [
 ]
 
 import_table = speaks_of_arguments(bank.import_table)
+import_hdf5 = speaks_of_arguments(demonstrations.import_hdf5)
 import_lerobot = speaks_of_arguments(lerobot.import_lerobot)
 
 

@@ -2,10 +2,11 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 import msgspec
 
@@ -38,7 +39,7 @@ from eyechart.importing.layout import (
 )
 from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionNumber, tell
 from eyechart.importing.pages import MOST_COMPONENTS
-from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
+from eyechart.importing.parquet import has_column, open_parquet
 from eyechart.importing.tables import SourceTable
 from eyechart.importing.timeline import PLACES, Timeline
 from eyechart.importing.videos import EmbeddedPictures, MissingPicture, Reel, Videos
@@ -50,6 +51,25 @@ FILE, STEP = "file", PLACES["step"]
 TASK, OBSERVED = "task", "observation."
 STATE, ACTION = ("observation.state", "state"), ("action", "actions")
 """The usual names of both vectors. Features such as ``action.arm`` are parts of the first name."""
+
+
+class RowTable(Protocol):
+    """One file's rows: plain cells by column, in order."""
+
+    @property
+    def path(self) -> Path:
+        """Return the file."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the columns of every row."""
+
+    @property
+    def count(self) -> int:
+        """Return the number of rows."""
+
+    def rows(self) -> Iterator[Row]:
+        """Yield the rows; raises SourceError for an unreadable file."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +99,24 @@ class Dataset:
         """Return the file that describes it, for messages."""
         return self.layout.root / "meta/info.json"
 
+    @property
+    def format(self) -> str:
+        """Return its format and version."""
+        return f"lerobot {self.info.codebase_version.partition('.')[0]}"
+
+    def tables(self) -> "Sequence[RowTable]":
+        """Return the data files in order."""
+        vectors = dict(vectors_of(self.features))
+        return [open_parquet(path, vectors=vectors, extra="lerobot") for path in self.layout.parquets("data")]
+
+    def is_observed(self, name: str) -> bool:
+        """Return whether a feature is of the observation by its name."""
+        return name.startswith(OBSERVED)
+
+    def usual(self) -> tuple[Sequence[str], Sequence[str]]:
+        """Return the features that are the state and the action if the user names none."""
+        return usual(self.features, STATE), usual(self.features, ACTION)
+
 
 @dataclass(frozen=True, slots=True)
 class Horizon:
@@ -102,6 +140,7 @@ def import_lerobot(
     ahead: Horizon | None = None,
     reads: Progress | None = None,
     progress: Progress | None = None,
+    read: "ReadDataset | None" = None,
 ) -> FrameBank:
     """Make a bank at ``out`` of a LeRobotDataset v2.0, v2.1 or v3, with its episodes and steps.
 
@@ -110,21 +149,22 @@ def import_lerobot(
     the reflection. The kind of motion is inferred from the data if ``ahead`` does not give it.
     Without ``ahead`` the bank has one camera. The columns are those of the data files. Components
     of vectors become ``observation.state.NAME`` (or ``.0``, ``.1``, …), and the words of the task
-    ``task``. Raises SourceError, and leaves nothing at ``out``.
+    ``task``. ``read`` opens a data set of another format. Raises SourceError, and leaves nothing at
+    ``out``.
     """
     wrong = Faults()
     wrong.take(choices.wrong)
     wrong.require_none(str(folder))
-    data = read_dataset(folder, camera, every=ahead is not None)
+    data = (read or read_dataset)(folder, camera, every=ahead is not None)
     if choices.rig is not None:
         if ahead is None:
-            raise SpecError("--rig of a LeRobotDataset declares a reflection in a bank for policies: give --horizon")
+            raise SpecError("--rig of a data set declares a reflection in a bank for policies: give --horizon")
         _require_cameras(data, choices.rig)
     if drawn := set(PICTURED) & choices.columns.keys():
-        raise SourceError(f"--map {min(drawn)}=…: a LeRobotDataset holds no pictures with one thing changed")
+        raise SourceError(f"--map {min(drawn)}=…: a data set holds no pictures with one thing changed")
     own = {"file", "episode", "step"} & choices.columns.keys()
     if own:
-        raise SourceError(f"--map {min(own)}=…: a LeRobotDataset declares the {min(own)} of a frame itself")
+        raise SourceError(f"--map {min(own)}=…: a data set declares the {min(own)} of a frame itself")
     columns = {**dict.fromkeys(PICTURED, ""), **PLACES, **choices.columns}
     chosen = replace(choices, columns={**columns, "file": FILE})
     if ahead is not None:
@@ -139,7 +179,7 @@ def import_lerobot(
         data.said.extend(_wordless(kept, data))
     frames = _frames(kept, chosen, data.timeline)
     settings: dict[str, object] = {
-        "format": f"lerobot {data.info.codebase_version.partition('.')[0]}",
+        "format": data.format,
         "camera": ", ".join(data.reels),
     }
     if ahead is not None and chosen.rig is not None:
@@ -149,6 +189,10 @@ def import_lerobot(
     data.said.extend(data.timeline.said())
     source = ImportSource(folder, partial(_pictures, data, kept.numbers), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
+
+
+ReadDataset = Callable[..., Dataset]
+"""Opens a data set: the folder, the camera's name and ``every``, as `read_dataset` takes them."""
 
 
 def _frames(kept: BankRows, choices: Choices, timeline: Timeline) -> list[Frame]:
@@ -172,7 +216,7 @@ def read_dataset(folder: Path, camera: str | None, *, every: bool = False) -> Da
     videos = [name for name in cameras if info.features[name].dtype == "video"]
     episodes = layout.episodes(videos, info)
     lacking = {name: why for name in cameras if (why := _lacks(layout, info, episodes, name))}
-    chosen = _chosen(cameras, lacking, camera, layout, every=every)
+    chosen = chosen_cameras(cameras, lacking, camera, layout.root / "meta/info.json", every=every)
     said += [f"camera '{name}' is left out: {why}" for name, why in lacking.items() if chosen != [name]]
     tasks = layout.tasks()
     task = layout.task_column(open_parquet(layout.parquets("data")[0], extra="lerobot").columns)
@@ -217,11 +261,15 @@ def _lacks(layout: DataSetLayout, info: Info, episodes: EpisodeTable, camera: st
     return "" if there else "info.json lists it, but none of its videos exists"
 
 
-def _chosen(
-    cameras: Sequence[str], lacking: Mapping[str, str], camera: str | None, layout: DataSetLayout, *, every: bool
+def chosen_cameras(
+    cameras: Sequence[str], lacking: Mapping[str, str], camera: str | None, path: Path, *, every: bool
 ) -> Sequence[str]:
-    """Return the cameras to take: the named one, else all that have pictures, or the only one."""
-    path, have = layout.root / "meta/info.json", [name for name in cameras if name not in lacking]
+    """Return the cameras to take: the named one, else all that have pictures, or the only one.
+
+    ``lacking`` has the reason why a camera has no picture, and ``path`` lists the cameras. Raises
+    SourceError for an unknown name, and if no camera can be taken.
+    """
+    have = [name for name in cameras if name not in lacking]
     if camera is not None:
         of_name = [name for name in cameras if name == camera] or [name for name in cameras if _short(name) == camera]
         if len(of_name) != 1:
@@ -285,7 +333,7 @@ def _left_of_state(data: Dataset, rig: SensorLayout, taken: Sequence[str]) -> li
     left = [
         f"'{name}' ({_sized(feature)})"
         for name, feature in data.features.items()
-        if name.startswith(OBSERVED) and feature.size and not feature.is_picture and name not in taken
+        if data.is_observed(name) and feature.size and not feature.is_picture and name not in taken
     ]
     more = f", and {len(left) - 20} more" if len(left) > 20 else ""
     has = " and ".join(f"'{name}'" for name in taken) if rig.state else "nothing"
@@ -378,10 +426,11 @@ def _features_of(data: Dataset, ahead: Horizon) -> tuple[Sequence[str], Sequence
                     f"{option} {name}: {data.about} lists no such feature of up to {MOST_COMPONENTS} numbers;{near} "
                     f"there are {', '.join(numbers)}"
                 )
-    return ahead.state or _usual(data.features, STATE), ahead.action or _usual(data.features, ACTION)
+    state, action = data.usual()
+    return ahead.state or state, ahead.action or action
 
 
-def _usual(features: Mapping[str, Feature], names: Sequence[str]) -> Sequence[str]:
+def usual(features: Mapping[str, Feature], names: Sequence[str]) -> Sequence[str]:
     """Return the first of the ``names`` that is a feature, else all parts of the first name."""
     known = [name for name in names if _columns(features, name)]
     return known[:1] or [name for name in features if name.startswith(f"{names[0]}.") and _columns(features, name)]
@@ -420,11 +469,11 @@ def _instruction(data: Dataset) -> tuple[str, ...]:
 
     Raises SourceError if its rows have tasks without words.
     """
-    path, first = data.layout.root / data.layout.TASKS, data.layout.parquets("data")[0]
-    numbered = data.task in open_parquet(first, extra="lerobot").columns
+    path, first = data.layout.root / data.layout.TASKS, data.tables()[0]
+    numbered = data.task in first.columns
     if len(data.tasks) > 1 and not numbered:
         raise SourceError(
-            f"{path} has the words of {len(data.tasks)} tasks, but {first} has no column '{data.task}' with each "
+            f"{path} has the words of {len(data.tasks)} tasks, but {first.path} has no column '{data.task}' with each "
             "row's task; name the instruction's column with --prompt-columns"
         )
     if not data.tasks and numbered:
@@ -455,8 +504,7 @@ def _wordless(kept: BankRows, data: Dataset) -> list[str]:
 
 def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> SourceTable:
     """Return the rows of all data files, with picture names in the columns ``pictured``."""
-    vectors = dict(vectors_of(data.features))
-    files = [open_parquet(path, vectors=vectors, extra="lerobot") for path in data.layout.parquets("data")]
+    files = data.tables()
     for place in PLACES.values():
         if place not in files[0].columns and not (place == STEP and data.info.is_of_episodes):
             raise SourceError(f"{files[0].path} has no column '{place}', which every LeRobotDataset has")
@@ -472,7 +520,7 @@ def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> So
 
 
 def _data_rows(
-    data: Dataset, files: Sequence[ParquetTable], count: int, reads: Progress | None, pictured: Sequence[str]
+    data: Dataset, files: Sequence[RowTable], count: int, reads: Progress | None, pictured: Sequence[str]
 ) -> Iterator[Row]:
     """Yield the rows with tasks and picture names; a row that is left out is empty."""
     done, timeline = 0, data.timeline
@@ -494,7 +542,7 @@ def _data_rows(
     timeline.require(data.episodes.lengths, clips, data.layout.root / data.layout.EPISODES)
 
 
-def _numbered_rows(file: ParquetTable) -> Iterator[Row]:
+def _numbered_rows(file: RowTable) -> Iterator[Row]:
     """Yield the rows of an episode's file with their numbers; raises SourceError for two episodes."""
     first: Row = {}
     for number, row in enumerate(file.rows()):

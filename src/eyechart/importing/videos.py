@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -90,14 +90,22 @@ class EmbeddedPictures:
             elif len(picture) > MAX_IMAGE_BYTES:
                 yield MissingPicture(f"'{what}' has {len(picture)} bytes; the limit is {MAX_IMAGE_BYTES}")
             else:
-                yield _plain(picture, what)
+                yield plain_picture(picture, what)
 
 
-Reel = Videos | EmbeddedPictures
+class Reel(Protocol):
+    """The pictures of one camera."""
+
+    def pictures(self, frames: Sequence[Frame], rows: Sequence[int]) -> Iterator[Picture]:
+        """Yield each frame's picture as PNG or JPEG, or why it is missing.
+
+        ``rows`` are the numbers of the frames' rows, from 1. Raises SourceError for an unreadable
+        file.
+        """
 
 
-def _plain(picture: bytes, what: str) -> Picture:
-    """Return a picture of a data file as RGB PNG; an unreadable one is missing."""
+def plain_picture(picture: bytes, what: str) -> Picture:
+    """Return the bytes of a picture as RGB PNG; an unreadable one is missing."""
     try:
         pixels, done = made_plain(picture, what, background=read_colour("white"), longest=None)
     except BankError as error:
