@@ -171,6 +171,8 @@ def wrong_calls(bank: FrameBank, demo: Demo, tmp: Path) -> dict[str, Callable[[]
             tmp, tmp / "t.csv", tmp / "b", Choices(mirror="vertical", columns={"mirror": "tick", "colour": "x"})
         ),
         "import_lerobot": lambda: import_lerobot(tmp / "taken", tmp / "b", Choices()),
+        "import_hdf5": lambda: importing.import_hdf5(tmp / "taken", tmp / "b", Choices()),
+        "import_hdf5 rate": lambda: importing.import_hdf5(tmp / "none.hdf5", tmp / "b", Choices(), rate=-1),
         "import_lerobot place": lambda: import_lerobot(tmp, tmp / "b", Choices(columns={"lead_near": "x"})),
         "read_rig": lambda: importing.read_rig(tmp / "t.csv"),
         "convert": lambda: Convert(longest=0),

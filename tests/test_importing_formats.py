@@ -13,13 +13,13 @@ from eyechart.formats import FORMATS, Format, find_format, takers
 from eyechart.importing import Choices
 from eyechart.looks import Pictures
 
-OPTIONS = ("table", "camera", "ahead", "convert")
+OPTIONS = ("table", "camera", "ahead", "rate", "convert")
 EXTRAS = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 
 
 def own(one: Format) -> dict[str, object]:
     """Return the arguments of a format that others do not take; what makes pictures plain is a choice."""
-    given = {"table": Path("t.csv"), "camera": None, "ahead": None}
+    given = {"table": Path("t.csv"), "camera": None, "ahead": None, "rate": None}
     return {name: value for name, value in given.items() if name in one.options}
 
 
@@ -41,9 +41,9 @@ def test_every_importer_is_called_alike(name: str, tmp_path: Path) -> None:
 def test_every_format_is_recognised(name: str, tmp_path: Path) -> None:
     """By its table, or by a file in its folder, and by its name."""
     given = ["table"] if "table" in FORMATS[name].options else []
-    sign = tmp_path / (FORMATS[name].sign or "photo.png")
+    sign = tmp_path / (FORMATS[name].sign or ("demos.hdf5" if FORMATS[name].magic else "photo.png"))
     sign.parent.mkdir(exist_ok=True)
-    sign.touch()
+    sign.write_bytes(FORMATS[name].magic)
     assert find_format(None, tmp_path, given) is find_format(name, tmp_path, given) is FORMATS[name]
 
 
@@ -94,3 +94,16 @@ def test_a_format_that_nobody_has_is_named() -> None:
     """With the nearest that there is."""
     with pytest.raises(SpecError, match=r"--format takes table or .*, not 'lerobo'.*mean 'lerobot'"):
         find_format("lerobo", Path(), [])
+
+
+@pytest.mark.parametrize(
+    ("inner", "known"), [(".zgroup", "zarr"), ("1.0.0/dataset_info.json", "RLDS"), ("a.mcap", "MCAP")]
+)
+def test_a_format_that_is_not_read_is_named_with_the_way(tmp_path: Path, inner: str, known: str) -> None:
+    """By the files in the folder, and by its name in --format."""
+    (tmp_path / inner).parent.mkdir(exist_ok=True)
+    (tmp_path / inner).touch()
+    way = f"{known} is not read: convert it to a LeRobotDataset, and give that with --format lerobot"
+    for name in (None, known.lower()):
+        with pytest.raises(SpecError, match=way):
+            find_format(name, tmp_path, [])

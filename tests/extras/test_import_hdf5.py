@@ -192,6 +192,22 @@ def told(name: str, value: object) -> Callable[[Any], None]:
     return lambda file: file["data"].attrs.__setitem__(name, value)
 
 
+def cut(path: Path) -> None:
+    """Lose the second half of a file."""
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def damaged(path: Path) -> None:
+    """Keep the first bytes alone."""
+    path.write_bytes(b"\x89HDF\r\n\x1a\nnothing")
+
+
+def piped(path: Path) -> None:
+    """Put a pipe, which nobody writes to."""
+    path.unlink()
+    os.mkfifo(path)
+
+
 WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "external link": (edit(link(lambda h5: h5.ExternalLink("/etc/passwd", "/x"))), "obs/object': it is a link"),
     "soft link": (edit(link(lambda h5: h5.SoftLink("/data/demo_0/obs/object"))), "obs/object': it is a link"),
@@ -229,9 +245,9 @@ WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "no words": (edit(told("problem_info", "{}")), "has no language_instruction"),
     "long attribute": (edit(told("env_args", "x" * 2_000_000)), "env_args'"),
     "another layout": (edit(lambda file: file.move("data", "other")), "has neither data/demo_N"),
-    "cut": (lambda path: os.truncate(path, path.stat().st_size // 2), "cannot be read as HDF5|holds|rror"),
-    "no HDF5": (lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\nnothing"), "cannot be read as HDF5"),
-    "pipe": (lambda path: (path.unlink(), os.mkfifo(path))[1], "a pipe or a device"),
+    "cut": (cut, "cannot be read as HDF5"),
+    "no HDF5": (damaged, "cannot be read as HDF5"),
+    "pipe": (piped, "a pipe or a device"),
 }
 
 

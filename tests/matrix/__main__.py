@@ -44,7 +44,7 @@ def main() -> int:
 
     rows = json.loads(asked.out.read_text()) if asked.out.is_file() else {}
     with tempfile.TemporaryDirectory(prefix="matrix-") as work:
-        matrix = Matrix(source, Path(work), find_spec("pyarrow") is not None and find_spec("av") is not None)
+        matrix = Matrix(source, Path(work), all(find_spec(one) for one in ("pyarrow", "av", "h5py")))
         if asked.doors:
             for exercise in matrix.exercises():
                 if not exercise.parents and chosen(exercise.name, asked.only):

@@ -393,6 +393,15 @@ _LIST = (
         arrow=True,
     ),
     Exercise(
+        "import of demonstrations",
+        (("frames", "import", "demos.hdf5", "--horizon", "2", "--kind", "delta", "--out", "out"),),
+        ("demos.hdf5",),
+        files("out"),
+        ("out",),
+        ("demos.hdf5",),
+        arrow=True,
+    ),
+    Exercise(
         "import of episode files",
         (
             (

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import banks
 import data_sets
+import demonstrations
 import photographs
 import published_votes
 from matrix import guests
@@ -53,6 +54,7 @@ def prepare(stock: Path, *, arrow: bool) -> None:
         words = {"annotation": {"human.action.task_description": {"original_key": "task_index"}}}
         (stock / "old-set/meta/modality.json").write_text(json.dumps(words))
         data_sets.reach(stock / "arm", {"observation.state": ["x", "y"], "action": ["x", "y"]})
+        demonstrations.robomimic(stock / "demos.hdf5")
         rows = photographs.rows(drives=2, ticks=3)
         data_sets.write_table(stock / "photos.parquet", {name: [row[name] for row in rows] for name in rows[0]})
     shutil.rmtree(stock / "tmp")

@@ -286,36 +286,40 @@ def _episodes(file: Hdf5Group, program: str) -> Iterator[Hdf5Group]:
 
 def _contents(group: Hdf5Group, program: str) -> Contents:
     """Return what an episode holds; raises SourceError if its arrays differ in length."""
-    above = "observations" if program == "ACT" else "obs"
-    observed, arrays, places = group.child(above), dict[str, Hdf5Array | None](), dict[str, tuple[str, ...]]()
-    if observed is not None:
-        shown = observed.child("images") if program == "ACT" else None
-        for name in observed.members():
-            if shown is None or name != "images":
-                arrays[name], places[name] = observed.array(name), (above, name)
-        for name in shown.members() if shown is not None else ():
-            if name in places:
-                raise SourceError(f"{group.label} has two observations '{name}'")
-            arrays[name], places[name] = shown.array(name), (above, "images", name)
-    action = ACTIONS[program]
-    if action in places:
+    found, action = _observed(group, program), ACTIONS[program]
+    if action in found:
         raise SourceError(f"{group.label} has an observation '{action}' beside its actions: rename it")
-    arrays[action], places[action] = group.array(action), (action,)
-    there = {name: array for name, array in arrays.items() if array is not None}
-    if action not in there:
+    done = group.array(action)
+    if done is None:
         raise SourceError(f"{group.label} has no array '{action}'")
-    length = there[action].shape[0]
-    _require_lengths(group, there, length)
-    if len(there) > MOST_COLUMNS:
-        raise SourceError(f"{group.label} has {len(there)} arrays; the limit is {MOST_COLUMNS}")
-    features = {name: _feature(array, places[name]) for name, array in there.items()}
+    found[action] = (action,), done
+    length = done.shape[0]
+    _require_lengths(group, [array for _, array in found.values()], length)
+    if len(found) > MOST_COLUMNS:
+        raise SourceError(f"{group.label} has {len(found)} arrays; the limit is {MOST_COLUMNS}")
+    features = {name: _feature(array, place) for name, (place, array) in found.items()}
     if program == "ACT":
         features = _paired(features)
-    return Contents(features, {name: places[name] for name in there}, length)
+    return Contents(features, {name: place for name, (place, _) in found.items()}, length)
 
 
-def _require_lengths(group: Hdf5Group, arrays: Mapping[str, Hdf5Array], length: int) -> None:
-    for array in arrays.values():
+def _observed(group: Hdf5Group, program: str) -> dict[str, tuple[tuple[str, ...], Hdf5Array]]:
+    """Return the place and the array of each observation by its name."""
+    above = ("observations",) if program == "ACT" else ("obs",)
+    observed, result = group.child(above[0]), dict[str, tuple[tuple[str, ...], Hdf5Array]]()
+    shown = observed.child("images") if observed is not None and program == "ACT" else None
+    for inside, places in ((observed, above), (shown, (*above, "images"))):
+        for name in () if inside is None else inside.members():
+            array = inside.array(name) if inside is not None else None
+            if array is not None and name in result:
+                raise SourceError(f"{group.label} has two observations '{name}'")
+            if array is not None:
+                result[name] = (*places, name), array
+    return result
+
+
+def _require_lengths(group: Hdf5Group, arrays: Sequence[Hdf5Array], length: int) -> None:
+    for array in arrays:
         if array.shape[0] != length:
             raise SourceError(f"{array.name} has {array.shape[0]} rows, but the actions have {length}")
     declared = group.text("num_samples")

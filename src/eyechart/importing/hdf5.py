@@ -6,7 +6,7 @@ only if it unpacks to its declared size.
 """
 
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import product
@@ -107,7 +107,7 @@ class Hdf5Group:
     def child(self, name: str) -> "Hdf5Group | None":
         """Return a group in it, None without; raises SourceError for a link."""
         found = self._member(name)
-        return Hdf5Group(self.path, self._inner(name), found) if hasattr(found, "keys") else None
+        return Hdf5Group(self.path, self._inner(name), found) if isinstance(found, Mapping) else None
 
     def array(self, name: str) -> Hdf5Array | None:
         """Return an array in it, None without.
@@ -116,7 +116,7 @@ class Hdf5Group:
         are no numbers, and for chunks that are too large.
         """
         found = self._member(name)
-        if found is None or not hasattr(found, "shape"):
+        if type(found).__name__ != "Dataset":
             return None
         where = f"{self.path}: '{self._inner(name)}'"
         with raising(SourceError, where, of=_MALFORMED):

@@ -58,7 +58,7 @@ def open_table(path: Path, progress: Progress | None = None, *, optional: Sequen
 
 
 def _csv(path: Path, progress: Progress | None, _: Sequence[str]) -> SourceTable:
-    lines = _lines(path, progress)
+    lines = text_lines(path, progress)
     head = next(lines, "")
     delimiter = max(_DELIMITERS, key=_QUOTED.sub("", head).count)
     row = _OneRow(path, chain([head], lines))
@@ -119,7 +119,7 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
 
 
 def _json_lines(path: Path, progress: Progress | None, optional: Sequence[str]) -> SourceTable:
-    lines = (line for line in _lines(path, progress) if line.strip())
+    lines = (line for line in text_lines(path, progress) if line.strip())
     head = next(lines, None)
     if head is None:
         raise SourceError(f"{path} is empty; each line must be a JSON object")
@@ -186,7 +186,7 @@ def _counted(rows: Iterator[Row], count: int, progress: Progress | None) -> Iter
         yield row
 
 
-def _lines(path: Path, progress: Progress | None) -> Iterator[str]:
+def text_lines(path: Path, progress: Progress | None) -> Iterator[str]:
     """Yield a text file's lines, none longer than `MOST_LINE`, without its byte order mark."""
     size, number = path.stat().st_size, 0
     try:

@@ -153,6 +153,16 @@ def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
     return asked
 
 
+def read_completion(body: Mapping[str, object], status: int) -> Reply:
+    """Return the reply in a body that was stored with its HTTP status, as one that just came.
+
+    It has no times and no digest of a request.
+    """
+    came = Response(bytearray(json.dumps(body).encode()), status)
+    reply = _read(came) if status == 200 else came.failure(kind_of_status(status, body), words_of(body))
+    return replace(reply, seconds=None, payload_bytes=None, payload_sha256=None)
+
+
 def _read(came: Response) -> Reply:
     """Read a body of status 200, streamed or not; a body of another shape is a failure."""
     if is_stream(came):

@@ -19,6 +19,7 @@ from eyechart.models import cleaned
 from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE, RequestMode
 from eyechart.run import Progress
+from eyechart.studies.battery.batch_output import is_batch, read_batch, served_by
 from eyechart.studies.battery.plans import Battery, BatterySettings, planned, writing
 from eyechart.studies.battery.questions import Keys, showable, unasked
 
@@ -322,7 +323,7 @@ def _facts(out: Path, spec: str, source: AnswerSource) -> dict[str, str]:
 
 
 def source_of(path: Path) -> AnswerSource:
-    """Return a table (CSV, JSON lines, Parquet) or an Inspect AI log (.eval, .json) as a source.
+    """Return a table, the output of an OpenAI batch, or an Inspect AI log (.eval, .json).
 
     Raises SourceError where it cannot be read.
     """
@@ -331,5 +332,8 @@ def source_of(path: Path) -> AnswerSource:
     if path.suffix in LOGS:
         log = open_log(path)
         return AnswerSource(printable(path.name), digest, f"a log of Inspect AI {log.version}", log.answers, log.model)
+    if is_batch(path):
+        read = partial(read_batch, path)
+        return AnswerSource(printable(path.name), digest, "the output of an OpenAI batch", read, served_by(path))
     read = partial(read_answer_table, path)
     return AnswerSource(printable(path.name), digest, "a table", read, printable(path.stem))
