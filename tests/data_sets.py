@@ -12,6 +12,8 @@ import photographs
 from eyechart.frames import encode
 
 CAMERA, REAR = "observation.images.front", "observation.images.rear"
+WORDS = ["cross the yard", "park"]
+"""The words of the tasks: of the even episodes and of the odd ones."""
 
 
 def arrow() -> tuple[Any, Any]:
@@ -73,7 +75,7 @@ def lerobot(root: Path, *, episodes: int = 8, length: int = 10, fps: int = 10, v
                 f"videos/{CAMERA}/file_index": file,
                 f"videos/{CAMERA}/from_timestamp": episode * length / fps,
                 f"videos/{CAMERA}/to_timestamp": (episode + 1) * length / fps,
-                "tasks": ["drive"],
+                "tasks": [WORDS[(file * half + episode) % 2]],
                 "length": length,
             }
             for episode in range(half)
@@ -81,7 +83,7 @@ def lerobot(root: Path, *, episodes: int = 8, length: int = 10, fps: int = 10, v
     write_table(
         root / "meta/episodes/chunk-000/file-000.parquet", {name: [one[name] for one in meta] for name in meta[0]}
     )
-    write_table(root / "meta/tasks.parquet", {"task_index": [0, 1], "__index_level_0__": ["cross the yard", "park"]})
+    write_table(root / "meta/tasks.parquet", {"task_index": [0, 1], "__index_level_0__": WORDS})
     info = {
         "codebase_version": version,
         "fps": fps,
@@ -207,12 +209,11 @@ def of_episodes(root: Path, *, version: str = "v2.1", numbered: bool = True, gap
         for camera in films:
             inside = [gaps[place] for place in places_of]
             film(root / f"videos/chunk-{episode // 3:03d}/{camera}/episode_{episode:06d}.mp4", list(inside), fps)
-        lines.append({"episode_index": episode, "tasks": ["drive"], "length": len(places_of)})
+        lines.append({"episode_index": episode, "tasks": [WORDS[episode % 2]], "length": len(places_of)})
     shutil.rmtree(root / "meta/episodes")
     (root / "meta/tasks.parquet").unlink()
     write_lines(root / "meta/episodes.jsonl", lines)
-    words = ["cross the yard", "park"]
-    write_lines(root / "meta/tasks.jsonl", [{"task_index": place, "task": word} for place, word in enumerate(words)])
+    write_lines(root / "meta/tasks.jsonl", [{"task_index": place, "task": word} for place, word in enumerate(WORDS)])
     two = {
         "codebase_version": version,
         "chunks_size": 3,

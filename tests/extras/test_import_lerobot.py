@@ -325,6 +325,20 @@ def test_frames_without_words_of_their_task_are_counted_where_nobody_is_told_the
     assert "40 of 80 frames have no words of their task: meta/tasks.parquet has none of 1" in taken(bank)
 
 
+def test_other_words_in_the_list_of_episodes_are_named(tmp_path: Path) -> None:
+    """An episode may have several tasks, as long as those of its rows are among them."""
+    arm(tmp_path / "set", inside=True)
+    named = "have tasks by their rows that"
+    assert not any(named in line for line in taken(bank_of(tmp_path / "set")))
+    rewrite(
+        places(tmp_path / "set"),
+        lambda rows: [row | {"tasks": ["sleep"] if n == 3 else row["tasks"]} for n, row in enumerate(rows)],
+    )
+    (line,) = [line for line in taken(bank_of(tmp_path / "set", "other")) if named in line]
+    assert "1 episodes" in line
+    assert "episode 3 has 'park' by its task_index, and 'sleep' in meta/episodes" in line
+
+
 @pytest.mark.parametrize("inside", [True, False])
 def test_episodes_without_a_row_are_counted_and_named(tmp_path: Path, inside: bool) -> None:  # noqa: FBT001 - a case
     """As where a data file was not downloaded: half of the data set is not the data set."""

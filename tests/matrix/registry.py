@@ -64,6 +64,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.importing.parquet", "_cells_of"): "import for policies",
     ("eyechart.importing.parquet", "binary_cells"): "import for policies",
     ("eyechart.importing.parquet", "has_column"): "import for policies",
+    ("eyechart.importing.parquet", "listed_texts"): "import of LeRobot",
     ("eyechart.importing.parquet", "open_parquet"): "import of Parquet",
     ("eyechart.importing.parquet", "require"): "import of Parquet",
     ("eyechart.importing.photographs", "Photographs._bytes_of"): "import of lines",

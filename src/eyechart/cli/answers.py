@@ -62,7 +62,12 @@ def export(
 
 
 def import_(
-    answers: Annotated[Path, typer.Argument(help="CSV, JSON lines or Parquet, or a log of Inspect AI (.eval, .json).")],
+    answers: Annotated[
+        Path,
+        typer.Argument(
+            help="CSV, JSON lines or Parquet; an OpenAI batch's output; a log of Inspect AI (.eval, .json)."
+        ),
+    ],
     frames: options.Frames,
     out: options.Out,
     model: Annotated[
@@ -80,9 +85,10 @@ def import_(
 
     A table has the columns call and repeat as exported, and text. It may have finish_reason, error,
     served, prompt_tokens, completion_tokens, seconds and cost_usd. A log of Inspect AI is one of
-    the task eyechart/battery. In the output of an OpenAI batch (.jsonl), custom_id is the call. Give the same options as to the export. If anything is wrong, all
-    faults are listed and nothing is written. The same command adds later answers to the run. Exit
-    1: calls are without an answer.
+    the task eyechart/battery. In the output of an OpenAI batch (.jsonl), custom_id is the call of
+    the export. Give the same options as to the export. If anything is wrong, all faults are listed
+    and nothing is written. The same command adds later answers to the run. Exit 1: calls are
+    without an answer.
     Example: eyechart run import answers.jsonl --frames bank --model my-vlm --out run
     """
     from eyechart.studies.battery import answer_import

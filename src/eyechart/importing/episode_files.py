@@ -20,6 +20,7 @@ _DESCRIPTIONS = ("task_description", "coarse_action")
 class _EpisodeLine(msgspec.Struct, frozen=True):
     episode_index: Count
     length: Count | None = None
+    tasks: list[str] = []
 
 
 class _TaskLine(msgspec.Struct, frozen=True):
@@ -50,14 +51,15 @@ class EpisodeFiles(DataSetLayout):
 
         Raises SourceError for a faulty line, or an episode with two different lengths.
         """
-        path, lengths = self.root / self.EPISODES, dict[int, int | None]()
+        path, lengths, tasks = self.root / self.EPISODES, dict[int, int | None](), dict[int, list[str]]()
         for line in self._lines(self.EPISODES, _EpisodeLine):
             once(lengths, line.episode_index, line.length, f"{path}: the length of episode {line.episode_index}")
+            tasks[line.episode_index] = line.tasks
         if not lengths:
             raise SourceError(f"{path} has no episode: is the data set complete?")
         clips = {camera: {length: self._clip(camera, length, info) for length in lengths} for camera in cameras}
         require_own(clips, self.root)
-        return EpisodeTable(lengths, clips)
+        return EpisodeTable(lengths, clips, tasks)
 
     def _clip(self, camera: str, episode: int, info: Info) -> Clip:
         with raising(SourceError, f"{self.root / 'meta/info.json'}: video_path", of=ValueError):

@@ -15,7 +15,7 @@ GR00T writes version 2 with a ``meta/modality.json``, and without a column ``fra
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -25,7 +25,7 @@ import msgspec
 from eyechart.errors import SourceError, raising, read_at_most
 from eyechart.importing.cells import Cell, Row, is_nothing
 from eyechart.importing.pages import MOST_COMPONENTS
-from eyechart.importing.parquet import open_parquet
+from eyechart.importing.parquet import listed_texts, open_parquet
 from eyechart.importing.tables import MOST_COLUMNS
 
 MOST_INFO = 4_000_000
@@ -110,10 +110,14 @@ class Clip:
 
 @dataclass(frozen=True)
 class EpisodeTable:
-    """The length of each episode, None if unknown, and the clips of each camera."""
+    """The length of each episode, None if unknown, the clips of each camera, and listed tasks.
+
+    ``tasks`` has the words of each episode's tasks, as far as they are listed.
+    """
 
     lengths: Mapping[int, int | None]
     clips: Mapping[str, Mapping[int, Clip]]
+    tasks: Mapping[int, Sequence[str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -207,7 +211,18 @@ class DataSetLayout:
                 if clip is not None:
                     once(found, episode, clip, f"{where}: the place of episode {episode} in the videos of '{camera}'")
         require_own(clips, self.root)
-        return EpisodeTable(lengths, clips)
+        return EpisodeTable(lengths, clips, self._tasks_of(files))
+
+    def _tasks_of(self, files: Sequence[Path]) -> dict[int, list[str]]:
+        """Return the words of each episode's tasks; raises SourceError for too many."""
+        result, count = dict[int, list[str]](), 0
+        for path in files:
+            for episode, texts in listed_texts(path, "episode_index", "tasks", extra="lerobot"):
+                result[episode] = texts
+                count += sum(map(len, texts))
+                if count > MOST_LINES:
+                    raise SourceError(f"{path}: the tasks have more than {MOST_LINES} characters in all")
+        return result
 
     def task_column(self, columns: Sequence[str]) -> str:  # noqa: ARG002 - that GR00T has others
         """Return which of the data files' ``columns`` has the number of a row's task."""

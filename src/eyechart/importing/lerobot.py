@@ -177,6 +177,7 @@ def import_lerobot(
         _require_words(kept, data)
     elif data.tasks:
         data.said.extend(_wordless(kept, data))
+    data.said.extend(_other_words(kept, data))
     frames = _frames(kept, chosen, data.timeline)
     settings: dict[str, object] = {
         "format": data.format,
@@ -500,6 +501,23 @@ def _wordless(kept: BankRows, data: Dataset) -> list[str]:
         return []
     said, which = f"{len(lacking)} of {len(kept.rows)} frames have no words of their task", [*dict.fromkeys(lacking)]
     return [f"{said}: {data.layout.TASKS} has none of {', '.join(which[:20])}"]
+
+
+def _other_words(kept: BankRows, data: Dataset) -> list[str]:
+    """Return a note of episodes whose listed tasks lack the words of a row's task."""
+    listed, found = data.episodes.tasks, dict[int, str]()
+    for row in kept.rows:
+        episode, said = whole(row.get(PLACES["episode"])), row.get(TASK)
+        if episode is not None and isinstance(said, str) and said and said not in (listed.get(episode) or [said]):
+            found.setdefault(episode, said)
+    if not found:
+        return []
+    (episode, said), where = next(iter(found.items())), data.layout.EPISODES
+    note = (
+        f"{len(found)} episodes have tasks by their rows that {where} does not list: episode {episode} has "
+        f"'{said[:60]}' by its {data.task}, and '{listed[episode][0][:60]}' in {where}; the rows' tasks are taken"
+    )
+    return [note]
 
 
 def _table(data: Dataset, reads: Progress | None, pictured: Sequence[str]) -> SourceTable:

@@ -139,6 +139,30 @@ def has_column(path: Path, column: str, *, extra: str) -> bool:
         raise SourceError(f"{path} cannot be read as Parquet: {_first_line(error)}") from error
 
 
+def listed_texts(path: Path, key: str, column: str, *, extra: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the numbers of ``key`` with the texts that a column lists beside them.
+
+    Yields nothing if the column is no list of texts. Raises SourceError if it would unpack to too
+    much.
+    """
+    pa, pq = require("pyarrow", "pyarrow", extra), require("pyarrow.parquet", "pyarrow", extra)
+    try:
+        require_bounded(path, {key, column})
+        with pq.ParquetFile(path, **_OPENING) as file:
+            place = file.schema_arrow.get_field_index(column)
+            kind = None if place < 0 else file.schema_arrow.field(place).type
+            if kind is None or not _is(pa, kind, _LISTS) or not _is(pa, kind.value_type, _WORDS):
+                return
+            for batch in file.iter_batches(_FEW_ROWS, columns=[key, column], use_threads=False):
+                numbers, texts = (batch.column(batch.schema.get_field_index(one)).to_pylist() for one in (key, column))
+                yield from (
+                    (number, [one for one in listed or () if one])
+                    for number, listed in zip(numbers, texts, strict=True)
+                )
+    except (pa.ArrowException, OSError, ValueError, LookupError) as error:
+        raise SourceError(f"{path} cannot be read as Parquet: {_first_line(error)}") from error
+
+
 def binary_cells(paths: Sequence[Path], column: str, rows: Sequence[int]) -> Iterator[bytes | None]:
     """Yield a column's bytes in these rows, a few in memory at a time.
 

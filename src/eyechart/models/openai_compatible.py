@@ -158,8 +158,12 @@ def read_completion(body: Mapping[str, object], status: int) -> Reply:
 
     It has no times and no digest of a request.
     """
-    came = Response(bytearray(json.dumps(body).encode()), status)
-    reply = _read(came) if status == 200 else came.failure(kind_of_status(status, body), words_of(body))
+    came = Response(bytearray(orjson.dumps(body)), status)
+    if status == 200:
+        reply = _read(came)
+    else:
+        kind, words = kind_of_status(status, body), words_of(body)
+        reply = came.failure(kind, with_proof(words, status, body) if kind == "bad_request" else words)
     return replace(reply, seconds=None, payload_bytes=None, payload_sha256=None)
 
 
