@@ -1,4 +1,4 @@
-"""Forty-seven layouts of LeRobotDatasets, rebuilt small: what is read is what was written, the rest is refused by name."""
+"""The layouts of LeRobotDatasets, rebuilt small: what is read is what was written, the rest is refused by name."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -95,7 +95,7 @@ def split(one: RobotLayout, name: str, numbers: Any) -> dict[str, Any]:  # noqa:
     """Return a vector's cells under the features that hold its parts; the last part of several is one number."""
     parts = one.parts[name == ACTION]
     if len(parts) == 1:
-        return {parts[0]: numbers.tolist()}
+        return {parts[0]: numbers.tolist() if len(numbers) > 1 else numbers.item()}
     return {parts[0]: numbers[:-1].tolist(), parts[1]: numbers[-1].item()}
 
 
@@ -239,9 +239,9 @@ def groot(row: dict[str, Any]) -> None:
 
 
 def slower(rows: Rows) -> None:
-    """Shift the seconds from the middle of each episode on by a frame: the film has a picture there."""
+    """Have the recorder's seconds jump back in the middle of each episode."""
     for row in rows:
-        row["timestamp"] = np.float32((row["frame_index"] + (row["frame_index"] > 5)) / 10)
+        row["timestamp"] = np.float32(row["timestamp"] * (1 if row["frame_index"] < 6 else 0.8))
 
 
 def with_gaps(rows: Rows) -> None:
@@ -278,6 +278,7 @@ LAYOUTS: dict[str, RobotLayout] = {
     "depth in info": RobotLayout(**WITH_DEPTH, info=as_depth("info"), said="marked as depths"),
     "depth in video_info": RobotLayout(**WITH_DEPTH, info=as_depth("video_info"), said="marked as depths"),
     "no words of tasks": RobotLayout(table=False, refused="does not exist, but every row has a task_index"),
+    "neither words nor numbers of tasks": RobotLayout(table=False, rows=each(lambda row: row.pop("task_index"))),
     "names of motors": RobotLayout(names=MOTORS),
     "names of axes": RobotLayout(names=AXES),
     "names of two groups": RobotLayout(names=TWO),
@@ -323,7 +324,7 @@ LAYOUTS: dict[str, RobotLayout] = {
         said="'observation.images.egoview' is left out",
     ),
     "29.97 frames a second": RobotLayout(inside=False, fps=29.97),
-    "seconds of their own": RobotLayout(inside=False, rows=slower, refused="overlap|goes on|go on|ends at"),
+    "seconds of their own": RobotLayout(inside=False, rows=slower, refused="a later step must have a later time"),
     "frames that are missing": RobotLayout(inside=False, rows=with_gaps),
     "episodes in another order": RobotLayout(rows=lambda rows: rows.sort(key=lambda row: -row["episode_index"])),
     "version 2.0": RobotLayout(version="v2.0", inside=False),
@@ -363,7 +364,7 @@ def require_written(bank: FrameBank, one: RobotLayout) -> None:
                 numbers(row, one.parts[1]) for row in ahead if row is not None
             ]
         assert bool(frame.motion) == (None not in ahead)
-        assert frame.fields["task"] == one.words[episode % len(one.words)]
+        assert frame.fields.get("task") == (one.words[episode % len(one.words)] if one.table else None)
         for name, n in cameras.items():
             shown, size = decode(bank.images(frame)[name], frame.id), [*one.cameras.values()][n]
             assert is_own(shown, shots(n, episode, size), frame.step, exact=one.inside), (frame.id, name)
@@ -391,7 +392,8 @@ def test_a_layout_is_read_as_it_was_written_or_refused_by_name(tmp_path: Path, n
     assert one.said in "\n".join(taken(bank))
 
 
-def test_of_forty_seven_layouts_at_least_forty_three_are_read() -> None:
-    """The others are refused."""
-    assert len(LAYOUTS) == 47
-    assert sum(not one.refused for one in LAYOUTS.values()) >= 43
+def test_all_but_three_layouts_are_read() -> None:
+    """The others are refused: what they say of words, films or seconds cannot be."""
+    refused = [name for name, one in LAYOUTS.items() if one.refused]
+    assert refused == ["no words of tasks", "films that begin a frame late", "seconds of their own"]
+    assert len(LAYOUTS) - len(refused) >= 43
