@@ -206,7 +206,7 @@ def read_demonstrations(
     info = Info("hdf5", fps, dict(first.features))
     reels = {name: StoredPictures(found, first.places[name]) for name in _cameras(info, folder, camera, said, every)}
     if program != "ACT":
-        said.append("pictures are as they are stored: those of robosuite may be upside down, as its policies see them")
+        said.append("pictures are as they are stored: those of robosuite may be upside down")
     return Demonstrations(
         DataSetLayout(root),
         info,
