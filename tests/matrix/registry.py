@@ -70,7 +70,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.importing.photographs", "Photographs._bytes_of"): "import of lines",
     ("eyechart.importing.videos", "_decoded"): "import of LeRobot",
     ("eyechart.importing.tables", "_csv"): "fit",
-    ("eyechart.importing.tables", "_lines"): "fit",
+    ("eyechart.importing.tables", "text_lines"): "fit",
     ("eyechart.ledger.counter", "_read"): "merge",
     ("eyechart.ledger.counter", "counting"): "merge",
     ("eyechart.ledger.counter", "is_alone"): "merge",
