@@ -36,7 +36,8 @@ from eyechart.importing.layout import (
     vectors_of,
     whole,
 )
-from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionNumber, tell
+from eyechart.importing.logged_rotations import DeclaredRotation, LoggedRows, Of, in_turns, turned_places
+from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionLog, MotionNumber, tell
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
 from eyechart.importing.tables import SourceTable
@@ -44,6 +45,7 @@ from eyechart.importing.timeline import PLACES, Timeline
 from eyechart.importing.videos import EmbeddedPictures, MissingPicture, Reel, Videos
 from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
+from eyechart.spaces.rotations import Rotation
 
 FILE, STEP = "file", PLACES["step"]
 """The column of each frame's picture, which the data set itself does not have; and of its step."""
@@ -85,12 +87,15 @@ class Horizon:
     """The motions to make from a log: their steps, and their kind, which the data show if it is None.
 
     ``state`` and ``action`` name the features of both, in order; empty: the usual ones.
+    ``rotations`` are declared as ``FEATURE[3:7]=quat_xyzw``. With None, nothing is declared, and
+    numbers that look like a rotation are taken as they are.
     """
 
     horizon: int
     kind: Kind | None = None
     state: Sequence[str] = ()
     action: Sequence[str] = ()
+    rotations: Sequence[str] | None = ()
 
 
 def import_lerobot(
@@ -143,7 +148,7 @@ def import_lerobot(
         "camera": ", ".join(data.reels),
     }
     if ahead is not None and chosen.rig is not None:
-        rig, settings[KIND] = _told(chosen.rig, kept, ahead)
+        rig, settings[KIND] = _told(_with_rotations(data, chosen.rig, kept, ahead), kept, ahead)
         chosen = replace(chosen, rig=rig)
         data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
     data.said.extend(data.timeline.said())
@@ -292,6 +297,46 @@ def _left_of_state(data: Dataset, rig: SensorLayout, taken: Sequence[str]) -> li
     return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
 
 
+def _with_rotations(data: Dataset, rig: SensorLayout, kept: BankRows, ahead: Horizon) -> SensorLayout:
+    """Return a rig with its declared rotations; SpecError for a wrong one, or one that is not declared."""
+    if ahead.rotations is None or rig.motion is None or kept.log is None:
+        return rig
+    declared = [DeclaredRotation.read(text) for text in ahead.rotations]
+    state, action = _features_of(data, ahead)
+    every: dict[Of, Sequence[str]] = {"motion": action, "state": state}
+    places: dict[Of, list[tuple[str, int]]] = {
+        of: [(name, place) for name in names for place in range(len(_columns(data.features, name)))]
+        for of, names in every.items()
+    }
+    walks = [walk for walk in kept.log.walks() if len(walk.done)]
+    if not walks:
+        return rig
+    names: dict[Of, list[str]] = {of: [*_numbered(data.features, many)] for of, many in every.items()}
+    found = LoggedRows.of(walks, places, names).rotations(declared)
+    return msgspec.structs.replace(rig, motion=msgspec.structs.replace(rig.motion, rotations=found))
+
+
+def _tell(log: MotionLog, named: Sequence[int | None], rotations: Sequence[Rotation], wide: int) -> LogDescription:
+    """Return the evidence of a log on its kind, with the pairs of its plain numbers."""
+    if not rotations:
+        return tell(log.walks(), named)
+    own, theirs = ([one for one in rotations if one.of == of] for of in ("motion", "state"))
+    at, of_state = turned_places(len(named), own), turned_places(wide, theirs)
+    turned: list[int | None] = [None] * (max(at.values()) + (3 if max(at) in {one.first for one in own} else 1))
+    for number, place in at.items():
+        one = next((one for one in own if one.first == number), None)
+        if one is None:
+            turned[place] = of_state.get(-1 if (given := named[number]) is None else given)
+        elif one.state is not None:
+            turned[place : place + 3] = range(of_state[one.state], of_state[one.state] + 3)
+    told = tell(in_turns([*log.walks()], rotations), turned)
+    plain = {place: number for number, place in of_state.items() if number not in {one.first for one in theirs}}
+    pairs = [told.pairs[at[number]] if number in at else None for number in range(len(named))]
+    firsts = {one.first for one in own}
+    found = (None if number in firsts or one is None else plain.get(one) for number, one in enumerate(pairs))
+    return replace(told, pairs=tuple(found))
+
+
 def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayout, dict[str, object]]:
     """Return a rig with its kind of motion, and the evidence for it.
 
@@ -302,19 +347,22 @@ def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayo
     assert motion is not None
     assert kept.log is not None
     named = [columns.index(one.state) if one.state else None for one in motion.number]
-    told = tell(kept.log.walks(), named)
+    told = _tell(kept.log, named, motion.rotations, len(columns))
     kind, by = _kind(told, ahead, named)
     said = [f"kind: {kind}, as {by}: {told.why()}"]
     if ahead.kind and told.against(kind):
         said = [told.warning(kind, "--kind")]
     elif by == _BY_NAMES:
         said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}); --kind declares another"]
-    pairs = [*told.pairs] if told.kind in RELATIVE else named
+    turning = {number for one in motion.rotations if one.of == "motion" for number in one.numbers}
+    pairs = [*told.pairs] if told.kind in RELATIVE else [*named]
+    pairs = [None if number in turning else place for number, place in enumerate(pairs)]
     number = tuple(
         msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
         for one, place in zip(motion.number, pairs, strict=True)
     )
-    settled = msgspec.structs.replace(motion, kind=kind, number=number)
+    rotations = tuple(one if kind in RELATIVE else replace(one, state=None) for one in motion.rotations)
+    settled = msgspec.structs.replace(motion, kind=kind, number=number, rotations=rotations)
     return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": told.ratio, "said": said}
 
 

@@ -193,7 +193,7 @@ class _ProbeFrames:
     def error(self, frame: Frame, answer: Motion) -> float:
         """Return the mean squared error to the logged motion, over the log's variance."""
         every = self.logged(self.logs)
-        spread = np.maximum(every.std(axis=(0, 1)), 1e-9)
+        spread = np.maximum(self.space.spreads(every), 1e-9)
         given = flat_state(frame.state)
         own = np.array(given) if len(given) else None
         found, wanted = (self.space.relative(one, own) for one in (answer.array, np.array(frame.motion)))
@@ -476,7 +476,7 @@ def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> Polic
     most, least = size / np.maximum(here, usual), size / np.minimum(here, usual)
     sizes = np.where(most > 1, most, np.minimum(least, 1.0))
     away = np.abs(answers.mean(axis=(0, 1)) - logged.mean(axis=(0, 1))) / np.maximum(every.std(axis=(0, 1)), 1e-9)
-    for number, dimension in enumerate(asked.space.dimensions):
+    for number, dimension in enumerate(asked.space.dimensions[place] for place in asked.space.plain):
         if every[..., number].std() < 1e-9:
             continue
         if _SMALL <= sizes[number] <= _LARGE and away[number] <= _AWAY:

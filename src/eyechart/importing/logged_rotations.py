@@ -1,0 +1,273 @@
+"""Rotations in a robot's log: as they are declared, checked against the data, and recognised."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from eyechart.errors import SpecError, did_you_mean
+from eyechart.importing.motion_log import MotionSegment
+from eyechart.regexes import pattern
+from eyechart.spaces.rotations import (
+    REPRESENTATIONS,
+    WIDTH,
+    Floats,
+    Representation,
+    Rotation,
+    about_their_mean,
+    compared,
+    matrices,
+    mean,
+    read_representation,
+    vectors,
+)
+
+NONE = "none"
+"""The word for numbers that look like a rotation and are none."""
+LEAST_SEEN = 10
+"""The fewest rows in which a rotation is recognised."""
+_LENGTH, _EXACT = 0.02, 1e-3
+"""Largest error of a unit length in declared numbers, and in numbers that are recognised."""
+_TURN, _NEAR = 0.5, 2.8
+"""A rotation vector that changes its sign moves far and turns by less than this. The least median
+norm in radians of rotation vectors that stay near half a turn."""
+_DECLARED = pattern(r"([^\[\]=]+)\[(\d{1,4}):(\d{1,4})\]=(\w+)")
+
+Of = Literal["motion", "state"]
+Places = Mapping[Of, Sequence[tuple[str, int]]]
+"""The feature, and the number in it, of every number of the motion and of the state."""
+Names = Mapping[Of, Sequence[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredRotation:
+    """Numbers ``start`` to ``stop`` (excluded) of a feature; without a representation no rotation."""
+
+    feature: str
+    start: int
+    stop: int
+    representation: Representation | None
+
+    @classmethod
+    def read(cls, text: str) -> "DeclaredRotation":
+        """Return what ``FEATURE[3:7]=quat_xyzw`` declares; raises SpecError with the form."""
+        found = _DECLARED.fullmatch(text.strip())
+        if found is None:
+            raise SpecError(
+                f"--rotation {text}: write FEATURE[FIRST:END]={' or '.join((*REPRESENTATIONS, NONE))}, "
+                "as action[3:7]=quat_xyzw"
+            )
+        word, start, stop = found[4], int(found[2]), int(found[3])
+        known = None if word == NONE else read_representation(word)
+        if known is not None and stop - start != WIDTH[known]:
+            raise SpecError(
+                f"--rotation {text}: {word} has {WIDTH[known]} numbers, and [{start}:{stop}] {stop - start}"
+            )
+        return cls(found[1].strip(), start, stop, known)
+
+    def place(self, places: Places) -> tuple[Of, int]:
+        """Return where its first number is; raises SpecError if the feature has no such numbers."""
+        option = f"--rotation {self.feature}[{self.start}:{self.stop}]"
+        for of, numbers in places.items():
+            if (self.feature, self.start) in numbers and (self.feature, self.stop - 1) in numbers:
+                return of, [*numbers].index((self.feature, self.start))
+        counts = {name: place + 1 for many in places.values() for name, place in many}
+        if self.feature in counts:
+            raise SpecError(f"{option}: '{self.feature}' has {counts[self.feature]} numbers")
+        there = ", ".join(f"{name} ({count})" for name, count in counts.items())
+        raise SpecError(f"{option}: there is no such feature;{did_you_mean(self.feature, [*counts])} there are {there}")
+
+
+@dataclass(frozen=True)
+class LoggedRows:
+    """All rows of a log, (n, numbers), of the motion and of the state, with their names."""
+
+    rows: Mapping[Of, Floats]
+    joined: Mapping[Of, np.ndarray]
+    places: Places
+    names: Names
+
+    @classmethod
+    def of(cls, walks: Sequence[MotionSegment], places: Places, names: Names) -> "LoggedRows":
+        """Return the rows of all walks; ``joined`` marks the rows that follow the row before."""
+        follows = np.concatenate([np.arange(len(walk.done)) > 0 for walk in walks])
+        done, states = (np.concatenate(many) for many in ([one.done for one in walks], [one.states for one in walks]))
+        return cls({"motion": done, "state": states}, {"motion": follows, "state": follows}, places, names)
+
+    def rotations(self, declared: Sequence[DeclaredRotation]) -> tuple[Rotation, ...]:
+        """Return the declared rotations; raises SpecError for wrong ones and undeclared ones.
+
+        The rotations of the motion belong to those of the state in their order, if their counts
+        agree.
+        """
+        found, known, wrong = list[Rotation](), set[tuple[Of, int]](), list[str]()
+        for one in declared:
+            of, first = one.place(self.places)
+            known |= {(of, first + step) for step in range(one.stop - one.start)}
+            if one.representation is not None:
+                found.append(Rotation(one.representation, first, of))
+                if fault := self._fault(found[-1]):
+                    wrong.append(
+                        f"--rotation {self._named(of, first, one.stop - one.start)}={one.representation}: {fault}"
+                    )
+        asked = [line for of in self.rows for line in self._undeclared(of, known)]
+        if wrong or asked:
+            raise SpecError("\n".join([*wrong, *asked]))
+        state = sorted(one.first for one in found if one.of == "state")
+        motion = sorted((one for one in found if one.of == "motion"), key=lambda one: one.first)
+        pairs: Sequence[int | None] = state if len(state) == len(motion) else [None] * len(motion)
+        own = [
+            Rotation(one.representation, one.first, "motion", place) for one, place in zip(motion, pairs, strict=True)
+        ]
+        return (*own, *(one for one in found if one.of == "state"))
+
+    def _named(self, of: Of, first: int, count: int) -> str:
+        feature, start = self.places[of][first]
+        return f"{feature}[{start}:{start + count}]"
+
+    def _fault(self, one: Rotation) -> str:
+        """Return why numbers are not the rotation that they are declared to be, "" if they may be."""
+        rows = self.rows[one.of][:, one.numbers.start : one.numbers.stop]
+        names = [self.names[one.of][number].lower() for number in one.numbers]
+        fault = _contradicted(names, one.representation) or _spoiled(rows, one.representation)
+        if not fault:
+            return ""
+        size = next((size for size in (6, 4, 3) if _seen(self._window(one.of, one.first, size), None)), 0)
+        like = _seen(self._window(one.of, one.first, size), None) if size else ""
+        named = self._named(one.of, one.first, size)
+        return f"{fault}" + (f"; {named} look like {like}" if like and like != one.representation else "")
+
+    def _window(self, of: Of, first: int, size: int) -> Floats:
+        return self.rows[of][:, first : first + size]
+
+    def _undeclared(self, of: Of, known: set[tuple[Of, int]]) -> Iterator[str]:
+        """Yield a question for all numbers that look like a rotation and are not declared."""
+        taken, every = set(known), self.places[of]
+        for size in (6, 4, 3):
+            for first in range(len(every) - size + 1):
+                window = {(of, first + step) for step in range(size)}
+                if window & taken or every[first][0] != every[first + size - 1][0]:
+                    continue
+                like = _seen(self._window(of, first, size), self.joined[of])
+                if like:
+                    taken |= window
+                    names = [name.lower() for name in self.names[of][first : first + size]]
+                    like = "quat_wxyz" if size == 4 and _w_is_first(names) else like
+                    named = self._named(of, first, size)
+                    yield (
+                        f"{named} look like a rotation ({like}): {_WHY[size]}. Declare it with "
+                        f"--rotation '{named}={like}'{_OTHER[size]}, or --rotation '{named}={NONE}'"
+                    )
+
+
+_WHY = {
+    6: "two vectors of length 1 at a right angle in every row",
+    4: "four numbers of length 1 in every row",
+    3: "a vector of length pi at most, which stays near pi or changes its sign",
+}
+_OTHER = {6: "", 4: " or quat_wxyz, if w is its first number", 3: ""}
+
+
+def _w_is_first(names: Sequence[str]) -> bool:
+    return names[0].endswith("w") and not names[-1].endswith("w")
+
+
+def _contradicted(names: Sequence[str], representation: Representation) -> str:
+    """Return how the names of numbers contradict a quaternion's order, "" if they do not."""
+    if representation == "quat_xyzw" and _w_is_first(names):
+        return f"its first number is named '{names[0]}', as in quat_wxyz"
+    if representation == "quat_wxyz" and names[-1].endswith("w") and not names[0].endswith("w"):
+        return f"its last number is named '{names[-1]}', as in quat_xyzw"
+    return ""
+
+
+def _spoiled(rows: Floats, representation: Representation) -> str:
+    """Return why no such rotation has these numbers, "" if it may."""
+    size = np.linalg.norm(rows, axis=1)
+    if representation.startswith("quat"):
+        worst = float(size[np.abs(size - 1).argmax()])
+        return "" if abs(worst - 1) <= _LENGTH else f"a quaternion has length 1, and one row has {worst:.3g}"
+    if representation == "rot6d":
+        if _off_frame(rows) <= _LENGTH:
+            return ""
+        if _off_frame(_by_rows(rows)) <= _LENGTH:
+            return "the numbers are (3, 2) in memory, row by row; rot6d is the first column, then the second"
+        return f"its two columns must have length 1 and a right angle, and one row is off by {_off_frame(rows):.3g}"
+    most = float(size.max() if representation == "axis_angle" else np.abs(rows).max())
+    what = "a rotation vector" if representation == "axis_angle" else "an angle"
+    degrees = "; are these degrees? Give radians" if most > 20 else ""
+    return "" if most <= 2 * np.pi + 0.1 else f"{what} has at most 2 pi radians, and one row has {most:.3g}{degrees}"
+
+
+def _by_rows(rows: Floats) -> Floats:
+    return np.asarray(rows[:, [0, 2, 4, 1, 3, 5]])
+
+
+def _off_frame(rows: Floats) -> float:
+    """Return the largest error of length or of the right angle in columns of shape (n, 6)."""
+    one, other = rows[:, :3], rows[:, 3:]
+    lengths = [np.abs(np.linalg.norm(each, axis=1) - 1) for each in (one, other)]
+    return float(np.max([*lengths, np.abs((one * other).sum(axis=1))]))
+
+
+def _seen(rows: Floats, joined: np.ndarray | None) -> Representation | Literal[""]:
+    """Return the rotation that rows of 3, 4 or 6 numbers show beyond doubt, "" for none.
+
+    Rows of zeros and ones are no evidence, and at least three numbers must vary.
+    """
+    if len(rows) < LEAST_SEEN or (rows.std(axis=0) > _EXACT).sum() < 3 or np.isin(rows, (0, 1, -1)).all():
+        return ""
+    if rows.shape[1] == 6:
+        return "rot6d" if _off_frame(rows) <= _EXACT else ""
+    size = np.linalg.norm(rows, axis=1)
+    if rows.shape[1] == 4:
+        return "quat_xyzw" if np.abs(size - 1).max() <= _EXACT else ""
+    if joined is None or size.max() > np.pi + _EXACT or size.max() < _NEAR:
+        return ""
+    return "axis_angle" if _flips(rows, joined) or (np.median(size) > _NEAR and size.max() > np.pi - 0.02) else ""
+
+
+def _flips(rows: Floats, joined: np.ndarray) -> bool:
+    """Return whether rotation vectors move by more than pi in one step, but turn only a little."""
+    places = np.flatnonzero(joined)
+    far = np.linalg.norm(rows[places] - rows[places - 1], axis=1) > np.pi
+    places = places[far]
+    if not len(places):
+        return False
+    before, after = (matrices(rows[many], "axis_angle") for many in (places - 1, places))
+    turns = np.linalg.norm(compared(before) - compared(after), axis=1)
+    return bool((turns < _TURN).mean() > 0.5)
+
+
+def in_turns(walks: Sequence[MotionSegment], rotations: Sequence[Rotation]) -> list[MotionSegment]:
+    """Return walks whose rotations are 3 numbers: their turns from the mean of their state.
+
+    The motion's rotations have that mean if it is within a right angle of their own.
+    """
+    if not rotations or not walks:
+        return list(walks)
+    cuts = np.cumsum([len(walk.done) for walk in walks])[:-1]
+    done, states = (np.concatenate(many) for many in ([one.done for one in walks], [one.states for one in walks]))
+    own = tuple(one for one in rotations if one.of == "state")
+    made = about_their_mean(done, tuple(one for one in rotations if one.of == "motion"))
+    for one in rotations:
+        if one.of == "motion" and one.state is not None:
+            theirs = mean(next(each for each in own if each.first == one.state).matrices(states))
+            found = one.matrices(done)
+            if np.trace(theirs.T @ mean(found)) > 1:
+                at = turned_places(done.shape[1], [each for each in rotations if each.of == "motion"])[one.first]
+                made[:, at : at + 3] = vectors(theirs.T @ found)
+    parts = (np.split(many, cuts) for many in (made, about_their_mean(states, own)))
+    return [MotionSegment(*pair) for pair in zip(*parts, strict=True)]
+
+
+def turned_places(count: int, rotations: Sequence[Rotation]) -> dict[int, int]:
+    """Return where each plain number, and each rotation's first, is in the result of `in_turns`."""
+    by_first = {one.first: one for one in rotations}
+    found, place, at = {}, 0, 0
+    while place < count:
+        found[place] = at
+        one = by_first.get(place)
+        place, at = (place + 1, at + 1) if one is None else (one.numbers.stop, at + 3)
+    return found
