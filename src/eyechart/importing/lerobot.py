@@ -36,8 +36,8 @@ from eyechart.importing.layout import (
     vectors_of,
     whole,
 )
-from eyechart.importing.logged_rotations import DeclaredRotation, LoggedRows, Of, in_turns, turned_places
-from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionLog, MotionNumber, tell
+from eyechart.importing.logged_rotations import DeclaredRotation, LoggedRows, Of, tell_turned
+from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionNumber
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
 from eyechart.importing.tables import SourceTable
@@ -45,7 +45,6 @@ from eyechart.importing.timeline import PLACES, Timeline
 from eyechart.importing.videos import EmbeddedPictures, MissingPicture, Reel, Videos
 from eyechart.spaces.motion import PLACES as RELATIVE
 from eyechart.spaces.motion import Kind
-from eyechart.spaces.rotations import Rotation
 
 FILE, STEP = "file", PLACES["step"]
 """The column of each frame's picture, which the data set itself does not have; and of its step."""
@@ -316,27 +315,6 @@ def _with_rotations(data: Dataset, rig: SensorLayout, kept: BankRows, ahead: Hor
     return msgspec.structs.replace(rig, motion=msgspec.structs.replace(rig.motion, rotations=found))
 
 
-def _tell(log: MotionLog, named: Sequence[int | None], rotations: Sequence[Rotation], wide: int) -> LogDescription:
-    """Return the evidence of a log on its kind, with the pairs of its plain numbers."""
-    if not rotations:
-        return tell(log.walks(), named)
-    own, theirs = ([one for one in rotations if one.of == of] for of in ("motion", "state"))
-    at, of_state = turned_places(len(named), own), turned_places(wide, theirs)
-    turned: list[int | None] = [None] * (max(at.values()) + (3 if max(at) in {one.first for one in own} else 1))
-    for number, place in at.items():
-        one = next((one for one in own if one.first == number), None)
-        if one is None:
-            turned[place] = of_state.get(-1 if (given := named[number]) is None else given)
-        elif one.state is not None:
-            turned[place : place + 3] = range(of_state[one.state], of_state[one.state] + 3)
-    told = tell(in_turns([*log.walks()], rotations), turned)
-    plain = {place: number for number, place in of_state.items() if number not in {one.first for one in theirs}}
-    pairs = [told.pairs[at[number]] if number in at else None for number in range(len(named))]
-    firsts = {one.first for one in own}
-    found = (None if number in firsts or one is None else plain.get(one) for number, one in enumerate(pairs))
-    return replace(told, pairs=tuple(found))
-
-
 def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayout, dict[str, object]]:
     """Return a rig with its kind of motion, and the evidence for it.
 
@@ -347,7 +325,7 @@ def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayo
     assert motion is not None
     assert kept.log is not None
     named = [columns.index(one.state) if one.state else None for one in motion.number]
-    told = _tell(kept.log, named, motion.rotations, len(columns))
+    told = tell_turned([*kept.log.walks()], named, motion.rotations, len(columns))
     kind, by = _kind(told, ahead, named)
     said = [f"kind: {kind}, as {by}: {told.why()}"]
     if ahead.kind and told.against(kind):

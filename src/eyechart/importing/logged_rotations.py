@@ -1,13 +1,13 @@
 """Rotations in a robot's log: as they are declared, checked against the data, and recognised."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from eyechart.errors import SpecError, did_you_mean
-from eyechart.importing.motion_log import MotionSegment
+from eyechart.importing.motion_log import LogDescription, MotionSegment, tell
 from eyechart.regexes import pattern
 from eyechart.spaces.rotations import (
     REPRESENTATIONS,
@@ -101,16 +101,13 @@ class LoggedRows:
         The rotations of the motion belong to those of the state in their order, if their counts
         agree.
         """
-        found, known, wrong = list[Rotation](), set[tuple[Of, int]](), list[str]()
+        found, known = list[Rotation](), set[tuple[Of, int]]()
         for one in declared:
             of, first = one.place(self.places)
             known |= {(of, first + step) for step in range(one.stop - one.start)}
             if one.representation is not None:
                 found.append(Rotation(one.representation, first, of))
-                if fault := self._fault(found[-1]):
-                    wrong.append(
-                        f"--rotation {self._named(of, first, one.stop - one.start)}={one.representation}: {fault}"
-                    )
+        wrong = [f"--rotation {fault}" for fault in self.faults(found)]
         asked = [line for of in self.rows for line in self._undeclared(of, known)]
         if wrong or asked:
             raise SpecError("\n".join([*wrong, *asked]))
@@ -121,6 +118,15 @@ class LoggedRows:
             Rotation(one.representation, one.first, "motion", place) for one, place in zip(motion, pairs, strict=True)
         ]
         return (*own, *(one for one in found if one.of == "state"))
+
+    def faults(self, rotations: Sequence[Rotation]) -> list[str]:
+        """Return the rotations that the data contradict, each with the reason."""
+        every = {one: self._fault(one) for one in rotations}
+        return [
+            f"{self._named(one.of, one.first, len(one.numbers))}={one.representation}: {fault}"
+            for one, fault in every.items()
+            if fault
+        ]
 
     def _named(self, of: Of, first: int, count: int) -> str:
         feature, start = self.places[of][first]
@@ -271,3 +277,29 @@ def turned_places(count: int, rotations: Sequence[Rotation]) -> dict[int, int]:
         one = by_first.get(place)
         place, at = (place + 1, at + 1) if one is None else (one.numbers.stop, at + 3)
     return found
+
+
+def tell_turned(
+    walks: Sequence[MotionSegment], named: Sequence[int | None], rotations: Sequence[Rotation], wide: int
+) -> LogDescription:
+    """Return the evidence of a log on its kind, as `tell`, with the pairs of its plain numbers.
+
+    ``wide`` is the count of the state's numbers. A rotation counts as three numbers.
+    """
+    if not rotations:
+        return tell(walks, named)
+    own, theirs = ([one for one in rotations if one.of == of] for of in ("motion", "state"))
+    at, of_state = turned_places(len(named), own), turned_places(wide, theirs)
+    turned: list[int | None] = [None] * (max(at.values()) + (3 if max(at) in {one.first for one in own} else 1))
+    for number, place in at.items():
+        one = next((one for one in own if one.first == number), None)
+        if one is None:
+            turned[place] = of_state.get(-1 if (given := named[number]) is None else given)
+        elif one.state is not None:
+            turned[place : place + 3] = range(of_state[one.state], of_state[one.state] + 3)
+    told = tell(in_turns(walks, rotations), turned)
+    plain = {place: number for number, place in of_state.items() if number not in {one.first for one in theirs}}
+    pairs = [told.pairs[at[number]] if number in at else None for number in range(len(named))]
+    firsts = {one.first for one in own}
+    found = (None if number in firsts or one is None else plain.get(one) for number, one in enumerate(pairs))
+    return replace(told, pairs=tuple(found))

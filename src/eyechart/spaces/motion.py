@@ -350,14 +350,14 @@ class MotionSpace(SpaceDefaults):
         steps, columns). A number that is no place, or has no number in the state, stays as it is.
         Plain numbers come first, then nine numbers of each rotation (`eyechart.spaces.rotations`).
         """
-        placed = self.kind in PLACES and states is not None
-        if not placed and not self.rotations_of("motion"):
+        shown = states if self.kind in PLACES else None
+        if shown is None and not self.rotations_of("motion"):
             return numbers
         result = numbers.copy()
-        for number, dimension in enumerate(self.dimensions) if placed and states is not None else ():
-            if dimension.state is not None:
-                result[..., number] -= states[..., dimension.state, None]
-        turns = [self._turned(one, numbers, states if placed else None) for one in self.rotations_of("motion")]
+        for number, dimension in enumerate(self.dimensions):
+            if dimension.state is not None and shown is not None:
+                result[..., number] -= shown[..., dimension.state, None]
+        turns = [self._turned(one, numbers, shown) for one in self.rotations_of("motion")]
         return np.concatenate([result[..., list(self.plain)], *turns], axis=-1) if turns else result
 
     def _turned(self, one: Rotation, numbers: Floats, states: Floats | None) -> Floats:
