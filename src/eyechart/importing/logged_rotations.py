@@ -32,6 +32,9 @@ _LENGTH, _EXACT = 0.02, 1e-3
 _TURN, _NEAR = 0.5, 2.8
 """A rotation vector that changes its sign moves far and turns by less than this. The least median
 norm in radians of rotation vectors that stay near half a turn."""
+_LEAST_FLIPS, _MOST, _HALF = 2, 0.8, 0.5
+"""The fewest such changes that are evidence, the share of far moves that they must be, and how
+opposite (as a cosine) the two smaller numbers must be."""
 _DECLARED = pattern(r"([^\[\]=]+)\[(\d{1,4}):(\d{1,4})\]=(\w+)")
 
 Of = Literal["motion", "state"]
@@ -160,19 +163,19 @@ class LoggedRows:
                     taken |= window
                     names = [name.lower() for name in self.names[of][first : first + size]]
                     like = "quat_wxyz" if size == 4 and _w_is_first(names) else like
+                    first_w = " or quat_wxyz, if w is its first number" if like == "quat_xyzw" else ""
                     named = self._named(of, first, size)
                     yield (
                         f"{named} look like a rotation ({like}): {_WHY[size]}. Declare it with "
-                        f"--rotation '{named}={like}'{_OTHER[size]}, or --rotation '{named}={NONE}'"
+                        f"--rotation '{named}={like}'{first_w}, or --rotation '{named}={NONE}'"
                     )
 
 
 _WHY = {
     6: "two vectors of length 1 at a right angle in every row",
     4: "four numbers of length 1 in every row",
-    3: "a vector of length pi at most, which stays near pi or changes its sign",
+    3: "a vector that stays near a length of pi, or changes its sign there",
 }
-_OTHER = {6: "", 4: " or quat_wxyz, if w is its first number", 3: ""}
 
 
 def _w_is_first(names: Sequence[str]) -> bool:
@@ -229,21 +232,30 @@ def _seen(rows: Floats, joined: np.ndarray | None) -> Representation | Literal["
     size = np.linalg.norm(rows, axis=1)
     if rows.shape[1] == 4:
         return "quat_xyzw" if np.abs(size - 1).max() <= _EXACT else ""
-    if joined is None or size.max() > np.pi + _EXACT or size.max() < _NEAR:
+    if joined is None or not _NEAR < size.max() <= 2 * np.pi + _EXACT:
         return ""
-    return "axis_angle" if _flips(rows, joined) or (np.median(size) > _NEAR and size.max() > np.pi - 0.02) else ""
+    stays_near = np.median(size) > _NEAR and np.pi - 0.02 < size.max() <= np.pi + _EXACT
+    return "axis_angle" if stays_near or _flips(rows, joined) else ""
 
 
 def _flips(rows: Floats, joined: np.ndarray) -> bool:
-    """Return whether rotation vectors move by more than pi in one step, but turn only a little."""
+    """Return whether rotation vectors move by more than pi in one step, but turn only a little.
+
+    All three numbers change their signs then. If only one does, it is a joint that wraps.
+    """
     places = np.flatnonzero(joined)
     far = np.linalg.norm(rows[places] - rows[places - 1], axis=1) > np.pi
     places = places[far]
-    if not len(places):
+    if len(places) < _LEAST_FLIPS:
         return False
     before, after = (matrices(rows[many], "axis_angle") for many in (places - 1, places))
     turns = np.linalg.norm(compared(before) - compared(after), axis=1)
-    return bool((turns < _TURN).mean() > 0.5)
+    one, other = rows[places - 1].copy(), rows[places].copy()
+    largest = np.abs(one).argmax(axis=1)[:, None]
+    for many in (one, other):
+        np.put_along_axis(many, largest, 0.0, axis=1)
+    opposite = (one * other).sum(axis=1) < -_HALF * np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+    return bool(((turns < _TURN) & opposite).mean() > _MOST)
 
 
 def in_turns(walks: Sequence[MotionSegment], rotations: Sequence[Rotation]) -> list[MotionSegment]:
