@@ -34,7 +34,7 @@ _TURN, _NEAR = 0.5, 2.8
 norm in radians of rotation vectors that stay near half a turn."""
 _LEAST_FLIPS, _MOST, _HALF = 2, 0.8, 0.5
 """The fewest such changes that are evidence, the share of far moves that they must be, and how
-opposite (as a cosine) the two smaller numbers must be."""
+opposite each number must be, 1 for always."""
 _DECLARED = pattern(r"([^\[\]=]+)\[(\d{1,4}):(\d{1,4})\]=(\w+)")
 
 Of = Literal["motion", "state"]
@@ -250,12 +250,9 @@ def _flips(rows: Floats, joined: np.ndarray) -> bool:
         return False
     before, after = (matrices(rows[many], "axis_angle") for many in (places - 1, places))
     turns = np.linalg.norm(compared(before) - compared(after), axis=1)
-    one, other = rows[places - 1].copy(), rows[places].copy()
-    largest = np.abs(one).argmax(axis=1)[:, None]
-    for many in (one, other):
-        np.put_along_axis(many, largest, 0.0, axis=1)
-    opposite = (one * other).sum(axis=1) < -_HALF * np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
-    return bool(((turns < _TURN) & opposite).mean() > _MOST)
+    products = rows[places - 1] * rows[places]
+    opposite = products.sum(axis=0) < -_HALF * np.abs(products).sum(axis=0)
+    return bool(opposite.all() and (turns < _TURN).mean() > _MOST)
 
 
 def in_turns(walks: Sequence[MotionSegment], rotations: Sequence[Rotation]) -> list[MotionSegment]:
