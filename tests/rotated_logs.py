@@ -40,7 +40,7 @@ def written(quaternion: Numbers, how: Representation, rng: np.random.Generator) 
         return 2 * np.arctan2(size, w) * np.array([x, y, z]) / size
     matrix = matrices(quaternion, "quat_xyzw")
     if how == "rot6d":
-        return matrix[:, :2].T.ravel()
+        return np.asarray(matrix[:, :2].T.ravel())
     turns = [np.arctan2(matrix[2, 1], matrix[2, 2]), -np.arcsin(matrix[2, 0]), np.arctan2(matrix[1, 0], matrix[0, 0])]
     if rng.random() < 0.5:
         turns = [turns[0] + np.pi, np.pi - turns[1], turns[2] + np.pi]
@@ -58,7 +58,7 @@ def quaternion_of(numbers: Numbers, how: Representation) -> Numbers:
         ]
     )  # fmt: skip
     found = every[np.linalg.norm(every, axis=1).argmax()]
-    return found / np.linalg.norm(found)
+    return np.asarray(found / np.linalg.norm(found))
 
 
 def poses(episodes: int = 8, length: int = 7) -> list[list[tuple[Numbers, Numbers, Numbers]]]:

@@ -332,16 +332,20 @@ def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayo
         said = [told.warning(kind, "--kind")]
     elif by == _BY_NAMES:
         said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}); --kind declares another"]
-    turning = {number for one in motion.rotations if one.of == "motion" for number in one.numbers}
-    pairs = [*told.pairs] if told.kind in RELATIVE else [*named]
-    pairs = [None if number in turning else place for number, place in enumerate(pairs)]
-    number = tuple(
-        msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
-        for one, place in zip(motion.number, pairs, strict=True)
-    )
-    rotations = tuple(one if kind in RELATIVE else replace(one, state=None) for one in motion.rotations)
-    settled = msgspec.structs.replace(motion, kind=kind, number=number, rotations=rotations)
+    settled = _paired(motion, kind, told.pairs if told.kind in RELATIVE else named, columns)
     return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": told.ratio, "said": said}
+
+
+def _paired(motion: LoggedMotion, kind: Kind, pairs: Sequence[int | None], columns: Sequence[str]) -> LoggedMotion:
+    """Return a motion of a kind, whose places are relative to their pairs of the state."""
+    if kind not in RELATIVE:
+        plain = tuple(replace(one, state=None) for one in motion.rotations)
+        number = tuple(msgspec.structs.replace(one, state="") for one in motion.number)
+        return msgspec.structs.replace(motion, kind=kind, number=number, rotations=plain)
+    turning = {number for one in motion.rotations if one.of == "motion" for number in one.numbers}
+    states = ["" if place is None or number in turning else columns[place] for number, place in enumerate(pairs)]
+    number = tuple(msgspec.structs.replace(one, state=own) for one, own in zip(motion.number, states, strict=True))
+    return msgspec.structs.replace(motion, kind=kind, number=number)
 
 
 _BY_NAMES = "the names say"

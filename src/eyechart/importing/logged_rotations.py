@@ -10,6 +10,7 @@ from eyechart.errors import SpecError, did_you_mean
 from eyechart.importing.motion_log import LogDescription, MotionSegment, tell
 from eyechart.regexes import pattern
 from eyechart.spaces.rotations import (
+    FREEDOM,
     REPRESENTATIONS,
     WIDTH,
     Floats,
@@ -255,39 +256,6 @@ def _flips(rows: Floats, joined: np.ndarray) -> bool:
     return bool(opposite.all() and (turns < _TURN).mean() > _MOST)
 
 
-def in_turns(walks: Sequence[MotionSegment], rotations: Sequence[Rotation]) -> list[MotionSegment]:
-    """Return walks whose rotations are 3 numbers: their turns from the mean of their state.
-
-    The motion's rotations have that mean if it is within a right angle of their own.
-    """
-    if not rotations or not walks:
-        return list(walks)
-    cuts = np.cumsum([len(walk.done) for walk in walks])[:-1]
-    done, states = (np.concatenate(many) for many in ([one.done for one in walks], [one.states for one in walks]))
-    own = tuple(one for one in rotations if one.of == "state")
-    made = about_their_mean(done, tuple(one for one in rotations if one.of == "motion"))
-    for one in rotations:
-        if one.of == "motion" and one.state is not None:
-            theirs = mean(next(each for each in own if each.first == one.state).matrices(states))
-            found = one.matrices(done)
-            if np.trace(theirs.T @ mean(found)) > 1:
-                at = turned_places(done.shape[1], [each for each in rotations if each.of == "motion"])[one.first]
-                made[:, at : at + 3] = vectors(theirs.T @ found)
-    parts = (np.split(many, cuts) for many in (made, about_their_mean(states, own)))
-    return [MotionSegment(*pair) for pair in zip(*parts, strict=True)]
-
-
-def turned_places(count: int, rotations: Sequence[Rotation]) -> dict[int, int]:
-    """Return where each plain number, and each rotation's first, is in the result of `in_turns`."""
-    by_first = {one.first: one for one in rotations}
-    found, place, at = {}, 0, 0
-    while place < count:
-        found[place] = at
-        one = by_first.get(place)
-        place, at = (place + 1, at + 1) if one is None else (one.numbers.stop, at + 3)
-    return found
-
-
 def tell_turned(
     walks: Sequence[MotionSegment], named: Sequence[int | None], rotations: Sequence[Rotation], wide: int
 ) -> LogDescription:
@@ -295,20 +263,42 @@ def tell_turned(
 
     ``wide`` is the count of the state's numbers. A rotation counts as three numbers.
     """
-    if not rotations:
+    if not rotations or not walks:
         return tell(walks, named)
-    own, theirs = ([one for one in rotations if one.of == of] for of in ("motion", "state"))
-    at, of_state = turned_places(len(named), own), turned_places(wide, theirs)
-    turned: list[int | None] = [None] * (max(at.values()) + (3 if max(at) in {one.first for one in own} else 1))
-    for number, place in at.items():
-        one = next((one for one in own if one.first == number), None)
-        if one is None:
-            turned[place] = of_state.get(-1 if (given := named[number]) is None else given)
-        elif one.state is not None:
-            turned[place : place + 3] = range(of_state[one.state], of_state[one.state] + 3)
-    told = tell(in_turns(walks, rotations), turned)
-    plain = {place: number for number, place in of_state.items() if number not in {one.first for one in theirs}}
-    pairs = [told.pairs[at[number]] if number in at else None for number in range(len(named))]
-    firsts = {one.first for one in own}
-    found = (None if number in firsts or one is None else plain.get(one) for number, one in enumerate(pairs))
-    return replace(told, pairs=tuple(found))
+    motion, state = (tuple(one for one in rotations if one.of == of) for of in ("motion", "state"))
+    own, theirs = _sources(len(named), motion), _sources(wide, state)
+    partners = dict(enumerate(named)) | {one.first: one.state for one in motion}
+    turned = [
+        theirs.index(partner) + place - own.index(number) if (partner := partners[number]) in theirs else None
+        for place, number in enumerate(own)
+    ]
+    told = tell(_in_turns(walks, motion, state), turned)
+    firsts = {one.first for one in state}
+    found = {number: place for number, place in zip(own, told.pairs, strict=True) if place is not None}
+    found = {number: theirs[place] for number, place in found.items() if theirs[place] not in firsts}
+    return replace(told, pairs=tuple(found.get(number) for number in range(len(named))))
+
+
+def _in_turns(
+    walks: Sequence[MotionSegment], motion: tuple[Rotation, ...], state: tuple[Rotation, ...]
+) -> list[MotionSegment]:
+    """Return walks whose rotations are 3 numbers: their turns from the mean of their state."""
+    done, states = (np.concatenate(many) for many in ([one.done for one in walks], [one.states for one in walks]))
+    made, own = about_their_mean(done, motion), _sources(done.shape[1], motion)
+    by_first = {one.first: one for one in state}
+    for one in motion:
+        if one.state is not None:
+            theirs, found = mean(by_first[one.state].matrices(states)), one.matrices(done)
+            # Places are near the state's mean; changes are not, and keep their own.
+            if np.trace(theirs.T @ mean(found)) > 1:
+                made[:, own.index(one.first) :][:, :3] = vectors(theirs.T @ found)
+    cuts = np.cumsum([len(walk.done) for walk in walks])[:-1]
+    parts = (np.split(many, cuts) for many in (made, about_their_mean(states, state)))
+    return [MotionSegment(*pair) for pair in zip(*parts, strict=True)]
+
+
+def _sources(count: int, rotations: Sequence[Rotation]) -> list[int]:
+    """Return the number of the log that each number in turns is made of; a rotation's is its first."""
+    first = {number: one.first for one in rotations for number in one.numbers}
+    last = {number for one in rotations for number in one.numbers[FREEDOM:]}
+    return [first.get(number, number) for number in range(count) if number not in last]
