@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eyechart.api import PolicyReport, run_policies
+from eyechart.api import PolicyReport, examine_policy, run_policies
 from eyechart.calls import Reply
 from eyechart.channels import CAMERAS, partners
 from eyechart.errors import SourceError, SpecError
@@ -131,3 +131,19 @@ def test_an_answer_that_is_no_rotation_is_none() -> None:
     answer = Reply(Motion.of(np.zeros((1, 5))).text)
     assert space(OWN, THEIRS).read(answer).why == "not_a_rotation"
     assert "a quaternion of zeros" in space(OWN, THEIRS).lacks(answer)
+
+
+def test_a_rotation_has_one_row_and_one_curve(reports: Reports, tmp_path: Path) -> None:
+    """On the page, in the tables, and in what a statistic says of its dimensions."""
+    report = reports["quat_xyzw"]
+    page = report.to_html(tmp_path / "page.html").read_text()
+    assert "rotation ar0 to ar3" in page
+    assert "Of a rotation its angle is drawn, in radians." in page
+    shares = (report["python:mine"].channels["cameras"].detail or {})["by_dimension"]
+    assert list(shares) == ["ax", "ay", "az", "rotation ar0 to ar3"]
+
+
+def test_the_doctor_finds_a_policy_of_rotations_well(reports: Reports) -> None:
+    """A policy whose quaternions have other signs than the log has its size and its units."""
+    found = examine_policy(reports["quat_xyzw"].path.parent / "bank", rotated_policy("quat_xyzw"))
+    assert [one for one in found.findings if one.fine is False] == []
