@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from data_sets import arm, arrow, describe, reach
+from data_sets import arm, arrow, describe, reach, rewrite
 from eyechart.cli.app import app
-from eyechart.errors import SpecError
+from eyechart.errors import SourceError, SpecError
 from eyechart.frames import FrameBank, open_bank
 from eyechart.importing import Choices, Horizon, import_lerobot
 from eyechart.importing.costs import costs
@@ -173,3 +173,13 @@ def test_an_ordinary_log_of_joints_is_not_asked_about(tmp_path: Path) -> None:
     places: Places = {of: [("arm", number) for number in range(10)] for of in ("motion", "state")}
     names: Names = {of: [f"j{number}" for number in range(10)] for of in ("motion", "state")}
     assert LoggedRows.of([walk], places, names).rotations([]) == ()
+
+
+def test_degrees_beside_radians_are_named(tmp_path: Path) -> None:
+    """Not taken for changes, nor for places: the message says which of both is in degrees."""
+    names: dict[str, list[str] | None] = {STATE: ["a", "b"], "action": ["a", "b"]}
+    reach(tmp_path / "set", names)
+    for path in (tmp_path / "set/data").rglob("*.parquet"):
+        rewrite(path, lambda rows: [row | {STATE: np.degrees(row[STATE]).tolist()} for row in rows])
+    with pytest.raises(SourceError, match="the motion in radians and the state in degrees"):
+        bank_of(tmp_path / "set")

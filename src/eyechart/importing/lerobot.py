@@ -36,7 +36,7 @@ from eyechart.importing.layout import (
     vectors_of,
     whole,
 )
-from eyechart.importing.logged_rotations import DeclaredRotation, LoggedRows, Of, tell_turned
+from eyechart.importing.logged_rotations import DeclaredRotation, LoggedRows, Of, in_degrees, tell_turned
 from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionNumber
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import ParquetTable, has_column, open_parquet
@@ -325,9 +325,10 @@ def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayo
     assert motion is not None
     assert kept.log is not None
     named = [columns.index(one.state) if one.state else None for one in motion.number]
-    told = tell_turned([*kept.log.walks()], named, motion.rotations, len(columns))
-    kind, by = _kind(told, ahead, named)
-    said = [f"kind: {kind}, as {by}: {told.why()}"]
+    walks = [walk for walk in kept.log.walks() if len(walk.done)]
+    told, units = tell_turned(walks, named, motion.rotations, len(columns)), in_degrees(walks, named)
+    kind, by = _kind(told, ahead, named, units)
+    said = [f"kind: {kind}, as {by}: {told.why()}{units}"]
     if ahead.kind and told.against(kind):
         said = [told.warning(kind, "--kind")]
     elif by == _BY_NAMES:
@@ -351,7 +352,7 @@ def _paired(motion: LoggedMotion, kind: Kind, pairs: Sequence[int | None], colum
 _BY_NAMES = "the names say"
 
 
-def _kind(description: LogDescription, ahead: Horizon, named: Sequence[int | None]) -> tuple[Kind, str]:
+def _kind(description: LogDescription, ahead: Horizon, named: Sequence[int | None], units: str) -> tuple[Kind, str]:
     """Return the kind of the motions and its source: the user, the data, or the state's names.
 
     Names count only for numbers that are no farther from the state's than their spread: one name
@@ -364,7 +365,7 @@ def _kind(description: LogDescription, ahead: Horizon, named: Sequence[int | Non
     if None not in named and (description.ratio is None or description.ratio <= CHANGES_ABOVE):
         return "absolute", _BY_NAMES
     raise SourceError(
-        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({description.why()}): give it with "
+        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({description.why()}{units}): give it with "
         "--kind delta, absolute, velocity or waypoints"
     )
 

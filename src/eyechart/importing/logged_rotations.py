@@ -36,6 +36,9 @@ norm in radians of rotation vectors that stay near half a turn."""
 _LEAST_FLIPS, _MOST, _HALF = 2, 0.8, 0.5
 """The fewest such changes that are evidence, the share of far moves that they must be, and how
 opposite each number must be, 1 for always."""
+_ALIKE, _UNIT = 0.9, 0.1
+"""The least correlation of a number with its place in the state, and the largest error of a unit's
+factor."""
 _DECLARED = pattern(r"([^\[\]=]+)\[(\d{1,4}):(\d{1,4})\]=(\w+)")
 
 Of = Literal["motion", "state"]
@@ -302,3 +305,26 @@ def _sources(count: int, rotations: Sequence[Rotation]) -> list[int]:
     first = {number: one.first for one in rotations for number in one.numbers}
     last = {number for one in rotations for number in one.numbers[FREEDOM:]}
     return [first.get(number, number) for number in range(count) if number not in last]
+
+
+def in_degrees(walks: Sequence[MotionSegment], named: Sequence[int | None]) -> str:
+    """Return that the motion is in degrees and the state in radians, or the reverse; "" for neither.
+
+    ``named`` has the place in the state that each number names; without names it is its own place.
+    """
+    if not walks or not walks[0].states.shape[1]:
+        return ""
+    done, states = (np.concatenate(many) for many in ([one.done for one in walks], [one.states for one in walks]))
+    places = [number if place is None else place for number, place in enumerate(named)]
+    pairs = [(done[:, one], states[:, place]) for one, place in enumerate(places) if place < states.shape[1]]
+    pairs = [(one, other) for one, other in pairs if one.std() > 0 and other.std() > 0]
+    alike = [(one, other) for one, other in pairs if np.corrcoef(one, other)[0, 1] > _ALIKE]
+    factors = np.array([one.std() / other.std() for one, other in alike])
+    words = {
+        180 / np.pi: "the motion in degrees and the state in radians",
+        np.pi / 180: "the motion in radians and the state in degrees",
+    }
+    for factor, said in words.items():
+        if 2 * (np.abs(factors / factor - 1) < _UNIT).sum() > len(pairs):
+            return f"; the spreads have a factor of {factor:.3g}: {said}? Convert one of them"
+    return ""
