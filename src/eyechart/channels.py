@@ -17,6 +17,7 @@ from eyechart.frames import Frame, FrameBank, Source, Stimulus
 from eyechart.regexes import pattern
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
+from eyechart.spaces.rotations import Rotation, about_their_mean
 from eyechart.stats.outliers import outlying, recurs
 from eyechart.stats.partners import NOBODY, Places, balanced_partners, matched_partners, near_partners, reaches
 
@@ -128,8 +129,10 @@ def partner_of(frame: Frame, source: Source, base: str, channel: str) -> Frame:
 
 def partner_place(frame: Frame, source: Source, base: str, channel: str) -> int:
     """Return the place of a frame's partner among the frames, `NOBODY` if there is none."""
-    images = source.manifest.images if isinstance(source, FrameBank) else None
-    return int(partners(source.frames, *whose(base, channel), images)[_places(_FrameKeys(source.frames))[frame.id]])
+    images, space = (source.manifest.images, source.manifest.motion) if isinstance(source, FrameBank) else (None, None)
+    return int(
+        partners(source.frames, *whose(base, channel), images, space)[_places(_FrameKeys(source.frames))[frame.id]]
+    )
 
 
 def told(fields: Mapping[str, object]) -> tuple[object, ...]:
@@ -147,15 +150,21 @@ def told(fields: Mapping[str, object]) -> tuple[object, ...]:
     return tuple(found)
 
 
-def partners(frames: Sequence[Frame], how: str, channel: str, images: Mapping[str, str] | None = None) -> Places:
+def partners(
+    frames: Sequence[Frame],
+    how: str,
+    channel: str,
+    images: Mapping[str, str] | None = None,
+    space: MotionSpace | None = None,
+) -> Places:
     """Return the place of each frame's partner, shape (n,), NOBODY if it has none.
 
     ``how`` is ``swapped``, ``matched`` or ``near``. ``images`` maps a picture's file to its digest,
     and a partner's picture differs from the frame's own. Without ``images`` all pictures are taken
-    to differ. A single camera has the partners of all cameras, unless one of those has the same
-    picture there.
+    to differ. ``space`` says which numbers of the state are rotations. A single camera has the
+    partners of all cameras, unless one of those has the same picture there.
     """
-    return _partners(_FrameKeys(frames, images), how, channel)
+    return _partners(_FrameKeys(frames, images, () if space is None else space.rotations_of("state")), how, channel)
 
 
 def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) -> tuple[str, list[str]]:
@@ -167,13 +176,16 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
     minority: no policy can be tested on them. ``frames`` are places in the bank, by default of all
     frames that have both partners.
     """
-    near, matched = (partners(bank.frames, name, channel, bank.manifest.images) for name in ("near", "matched"))
+    manifest = bank.manifest
+    near, matched = (
+        partners(bank.frames, name, channel, manifest.images, manifest.motion) for name in ("near", "matched")
+    )
     asked = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
     if not len(asked):
         return "", []
-    states = np.array([flat_state(frame.state) for frame in bank])
-    ratios = reaches(states, asked, near[asked], matched[asked])
-    names = state_names(bank)
+    turns = () if manifest.motion is None else manifest.motion.rotations_of("state")
+    ratios = reaches(_states(bank.frames, turns), asked, near[asked], matched[asked])
+    names = _compared_names(state_names(bank), turns)
     still = ratios < STILL
     if 2 * int(still.sum()) <= int(np.isfinite(ratios).sum()):
         ratios = np.where(still, np.inf, ratios)
@@ -228,14 +240,18 @@ def whose(base: str, channel: str) -> tuple[str, str]:
 class _FrameKeys:
     """Frames as a cache key by the identity of their tuple, with the digests of their pictures."""
 
-    def __init__(self, frames: Sequence[Frame], images: Mapping[str, str] | None = None) -> None:
-        self.frames, self.images = frames, images
+    def __init__(
+        self, frames: Sequence[Frame], images: Mapping[str, str] | None = None, turns: tuple[Rotation, ...] = ()
+    ) -> None:
+        self.frames, self.images, self.turns = frames, images, turns
 
     def __hash__(self) -> int:
         return id(self.frames)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _FrameKeys) and other.frames is self.frames and other.images is self.images
+        if not isinstance(other, _FrameKeys):
+            return False
+        return other.frames is self.frames and other.images is self.images and other.turns == self.turns
 
     def seen(self, channel: str) -> Sequence[object]:
         """Return a key of each frame's pictures of a channel, equal for identical bytes."""
@@ -247,16 +263,38 @@ class _FrameKeys:
         return [tuple(self.images.get(file, file) for file in many) for many in files]
 
 
+def _states(frames: Sequence[Frame], turns: tuple[Rotation, ...]) -> npt.NDArray[np.float64]:
+    """Return the states as they are compared: a rotation is its turn from the mean, 3 numbers."""
+    states = np.array([flat_state(frame.state) for frame in frames])
+    return about_their_mean(states, turns) if turns else states
+
+
+def _compared_names(names: Sequence[str], turns: Sequence[Rotation]) -> list[str]:
+    """Return the names of the numbers of `_states`."""
+    by_first, found = {one.first: one for one in turns}, list[str]()
+    taken = {number for one in turns for number in one.numbers}
+    for place, name in enumerate(names):
+        if place in by_first:
+            found += [f"rotation from {name} on, about {axis}" for axis in "xyz"]
+        elif place not in taken:
+            found.append(name)
+    return found
+
+
 @lru_cache(maxsize=16)
 def _far(same: _FrameKeys, space: MotionSpace) -> tuple[Mapping[str, tuple[str, ...]], frozenset[str]]:
     """Return the faulty dimensions of each frame, and the dimensions with any far number."""
-    frames, names = [frame for frame in same.frames if frame.motion], [dimension.name for dimension in space.dimensions]
-    if not frames:
+    frames, dimensions = (
+        [frame for frame in same.frames if frame.motion],
+        [space.dimensions[one] for one in space.plain],
+    )
+    if not frames or not dimensions:
         return {}, frozenset()
-    numbers = relative_log(frames, space)
+    names = [dimension.name for dimension in dimensions]
+    numbers = relative_log(frames, space)[..., : len(names)]  # a rotation is bounded, and has no far number
     far = outlying(numbers.reshape(-1, len(names)), at_once=space.horizon).reshape(numbers.shape).any(axis=1)
     faults = far & ~recurs(far, [frame.drive for frame in frames])
-    faults &= np.array([dimension.scale is None for dimension in space.dimensions])
+    faults &= np.array([dimension.scale is None for dimension in dimensions])
     found = {
         frame.id: tuple(names[place] for place in np.flatnonzero(faults[row]))
         for row, frame in enumerate(frames)
@@ -274,7 +312,7 @@ def _partners(same: _FrameKeys, how: str, channel: str) -> Places:
             return shared
     episodes = [frame.drive for frame in frames]
     if how in BY_STATE:
-        states = [flat_state(frame.state) for frame in frames]
+        states = _states(frames, same.turns)
         if how == "matched":
             return matched_partners(episodes, states, seen)
         return near_partners(episodes, states, _partners(same, "matched", channel), seen)

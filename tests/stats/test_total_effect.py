@@ -182,7 +182,7 @@ def test_shares_of_dimensions_and_steps_are_ratios_of_their_own() -> None:
     own[..., 2] = 7.0
     swapped, others = own.copy(), own[:, ::-1]
     swapped[..., 0] = others[..., 0]
-    shares = shares_of_parts(own, swapped, own, others)
+    shares = shares_of_parts(own, swapped, own, others, [[0], [1], [2]])
     assert shares["dimension"] == pytest.approx((1.0, 0.0, None), abs=1e-12)
     assert len(shares["step"]) == 8
     assert all(0.3 < share < 0.7 for share in shares["step"])

@@ -85,14 +85,17 @@ def matches(bank: FrameBank) -> dict[str, int]:
     if not bank.manifest.state:
         return dict.fromkeys(cameras, 0)
     images = bank.manifest.images
-    return {name: int((partners(bank.frames, "matched", name, images) != NOBODY).sum()) for name in cameras}
+    return {
+        name: int((partners(bank.frames, "matched", name, images, bank.manifest.motion) != NOBODY).sum())
+        for name in cameras
+    }
 
 
 def matched_of(bank: FrameBank) -> tuple[int, int]:
     """Return the number of frames with a match of all cameras, and of their episodes."""
     if f"matched@{CAMERAS}" not in conditions_of(bank)[0]:
         return 0, 0
-    there = partners(bank.frames, "matched", CAMERAS, bank.manifest.images) != NOBODY
+    there = partners(bank.frames, "matched", CAMERAS, bank.manifest.images, bank.manifest.motion) != NOBODY
     asked = [frame.drive for frame, matched in zip(bank, there, strict=True) if matched]
     return len(asked), len(set(asked))
 

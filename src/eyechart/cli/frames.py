@@ -121,6 +121,13 @@ class SourceDescription:
     rate: Annotated[
         float | None, typer.Option(help=f"For {takers('rate')}: frames a second, if the files do not have it.")
     ] = None
+    rotation: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --horizon: numbers that are a rotation, as action[3:7]=quat_xyzw; also quat_wxyz, axis_angle, "
+            "rot6d (first column, then second), euler_xyz, or none."
+        ),
+    ] = None
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1
     convert: Annotated[
         bool, typer.Option("--convert", help="Convert pictures to upright 8-bit RGB; without it, others are refused.")
@@ -185,7 +192,7 @@ class SourceDescription:
 
     def format_of(self, folder: Path, *, named: bool) -> Format:
         """Return the ``named`` or the folder's format; raises SpecError for options it lacks."""
-        ahead = (self.horizon, self.kind, self.state, self.action) != (None, None, "", "")
+        ahead = (self.horizon, self.kind, self.state, self.action, self.rotation or None) != (None, None, "", "", None)
         used = {"table": self.table is not None, "convert": self.convert, "ahead": ahead, "camera": self.camera}
         used["rate"] = self.rate is not None
         return find_format(self.format_ if named else None, folder, [name for name, given in used.items() if given])
@@ -199,12 +206,13 @@ class SourceDescription:
         from eyechart.importing import Horizon
         from eyechart.spaces.motion import read_kind
 
-        named = {"--kind": self.kind, "--state": self.state, "--action": self.action}
+        named = {"--kind": self.kind, "--state": self.state, "--action": self.action, "--rotation": self.rotation}
         if self.horizon is None and (given := [name for name, value in named.items() if value]):
             raise SpecError(f"{given[0]} describes the motions of --horizon: give --horizon too")
         if self.horizon is None:
             return None
-        return Horizon(self.horizon, read_kind(self.kind), _names(self.state), _names(self.action))
+        rotations = tuple(self.rotation or ())
+        return Horizon(self.horizon, read_kind(self.kind), _names(self.state), _names(self.action), rotations)
 
 
 _UNDESCRIBED = SourceDescription()

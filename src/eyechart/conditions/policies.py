@@ -142,4 +142,6 @@ def _its_name(channel: str) -> str:
 
 def _alone(base: str, channel: str, bank: FrameBank) -> int:
     """Return the number of frames without a partner."""
-    return int((partners(bank.frames, *whose(base, channel), bank.manifest.images) == NOBODY).sum())
+    return int(
+        (partners(bank.frames, *whose(base, channel), bank.manifest.images, bank.manifest.motion) == NOBODY).sum()
+    )

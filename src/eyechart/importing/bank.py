@@ -48,7 +48,8 @@ from eyechart.importing.cells import (
 )
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import given_name
-from eyechart.importing.motion_log import MotionLog, tell
+from eyechart.importing.logged_rotations import LoggedRows, Of, tell_turned
+from eyechart.importing.motion_log import MotionLog
 from eyechart.importing.numerals import Numerals, distance, odd_gaps, unclear, unit_named, unit_of
 from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
@@ -220,7 +221,16 @@ def _told(rig: reading.SensorLayout | None, kept: BankRows) -> dict[str, object]
         return {}
     columns = [column for many in rig.state.values() for column in many]
     named = [columns.index(one.state) if one.state else None for one in rig.motion.number]
-    told = tell(kept.log.walks(), named)
+    walks, turns = [walk for walk in kept.log.walks() if len(walk.done)], rig.motion.rotations
+    if walks and turns:
+        names = [one.column for one in rig.motion.number]
+        every: dict[Of, Sequence[str]] = {"motion": names, "state": columns}
+        places: dict[Of, list[tuple[str, int]]] = {
+            of: [(of, place) for place in range(len(many))] for of, many in every.items()
+        }
+        if faults := LoggedRows.of(walks, places, every).faults(turns):
+            raise SourceError("; ".join(f"--rig: a rotation of the {fault}" for fault in faults))
+    told = tell_turned(walks, named, turns, len(columns))
     against = told.against(rig.motion.kind)
     said = [told.warning(rig.motion.kind, "[motion] of --rig")] if against else []
     return {KIND: {"by": "the rig says", "ratio": told.ratio, "said": said}}

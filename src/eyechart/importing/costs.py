@@ -245,6 +245,8 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
     rate = "" if motion.rate_hz is None else f" at {motion.rate_hz:g} Hz"
     kind = f"{motion.kind}, {relative} relative to the state" if motion.kind in PLACES else motion.kind
     lines = [f"motions: {steps} steps of {wide} numbers{rate}, {kind}"]
+    if motion.rotations:
+        lines.append(f"rotations, compared by their angle: {motion.rotations_in_words()}")
     if lacking := sum(not frame.motion for frame in bank):
         lines.append(f"{lacking} of {len(bank)} frames have no logged motion: fewer than {steps} steps follow them")
     if (episodes := len({frame.drive for frame in bank})) < LEAST_BOUNDED:

@@ -37,7 +37,8 @@ from eyechart.importing.layout import (
     vectors_of,
     whole,
 )
-from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionNumber, tell
+from eyechart.importing.logged_rotations import DeclaredRotation, LoggedRows, Of, in_degrees, tell_turned
+from eyechart.importing.motion_log import CHANGES_ABOVE, LogDescription, LoggedMotion, MotionNumber
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import has_column, open_parquet
 from eyechart.importing.tables import SourceTable
@@ -123,12 +124,15 @@ class Horizon:
     """The motions to make from a log: their steps, and their kind, which the data show if it is None.
 
     ``state`` and ``action`` name the features of both, in order; empty: the usual ones.
+    ``rotations`` are declared as ``FEATURE[3:7]=quat_xyzw``. With None, nothing is declared, and
+    numbers that look like a rotation are taken as they are.
     """
 
     horizon: int
     kind: Kind | None = None
     state: Sequence[str] = ()
     action: Sequence[str] = ()
+    rotations: Sequence[str] | None = ()
 
 
 def import_lerobot(
@@ -184,7 +188,7 @@ def import_lerobot(
         "camera": ", ".join(data.reels),
     }
     if ahead is not None and chosen.rig is not None:
-        rig, settings[KIND] = _told(chosen.rig, kept, ahead)
+        rig, settings[KIND] = _told(_with_rotations(data, chosen.rig, kept, ahead), kept, ahead)
         chosen = replace(chosen, rig=rig)
         data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
     data.said.extend(data.timeline.said())
@@ -341,6 +345,25 @@ def _left_of_state(data: Dataset, rig: SensorLayout, taken: Sequence[str]) -> li
     return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
 
 
+def _with_rotations(data: Dataset, rig: SensorLayout, kept: BankRows, ahead: Horizon) -> SensorLayout:
+    """Return a rig with its declared rotations; SpecError for a wrong one, or one that is not declared."""
+    if ahead.rotations is None or rig.motion is None or kept.log is None:
+        return rig
+    declared = [DeclaredRotation.read(text) for text in ahead.rotations]
+    state, action = _features_of(data, ahead)
+    every: dict[Of, Sequence[str]] = {"motion": action, "state": state}
+    places: dict[Of, list[tuple[str, int]]] = {
+        of: [(name, place) for name in names for place in range(len(_columns(data.features, name)))]
+        for of, names in every.items()
+    }
+    walks = [walk for walk in kept.log.walks() if len(walk.done)]
+    if not walks:
+        return rig
+    names: dict[Of, list[str]] = {of: [*_numbered(data.features, many)] for of, many in every.items()}
+    found = LoggedRows.of(walks, places, names).rotations(declared)
+    return msgspec.structs.replace(rig, motion=msgspec.structs.replace(rig.motion, rotations=found))
+
+
 def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayout, dict[str, object]]:
     """Return a rig with its kind of motion, and the evidence for it.
 
@@ -351,26 +374,34 @@ def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayo
     assert motion is not None
     assert kept.log is not None
     named = [columns.index(one.state) if one.state else None for one in motion.number]
-    told = tell(kept.log.walks(), named)
-    kind, by = _kind(told, ahead, named)
-    said = [f"kind: {kind}, as {by}: {told.why()}"]
+    walks = [walk for walk in kept.log.walks() if len(walk.done)]
+    told, units = tell_turned(walks, named, motion.rotations, len(columns)), in_degrees(walks, named)
+    kind, by = _kind(told, ahead, named, units)
+    said = [f"kind: {kind}, as {by}: {told.why()}{units}"]
     if ahead.kind and told.against(kind):
         said = [told.warning(kind, "--kind")]
     elif by == _BY_NAMES:
         said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}); --kind declares another"]
-    pairs = [*told.pairs] if told.kind in RELATIVE else named
-    number = tuple(
-        msgspec.structs.replace(one, state="" if place is None or kind not in RELATIVE else columns[place])
-        for one, place in zip(motion.number, pairs, strict=True)
-    )
-    settled = msgspec.structs.replace(motion, kind=kind, number=number)
+    settled = _paired(motion, kind, told.pairs if told.kind in RELATIVE else named, columns)
     return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": told.ratio, "said": said}
+
+
+def _paired(motion: LoggedMotion, kind: Kind, pairs: Sequence[int | None], columns: Sequence[str]) -> LoggedMotion:
+    """Return a motion of a kind, whose places are relative to their pairs of the state."""
+    if kind not in RELATIVE:
+        plain = tuple(replace(one, state=None) for one in motion.rotations)
+        number = tuple(msgspec.structs.replace(one, state="") for one in motion.number)
+        return msgspec.structs.replace(motion, kind=kind, number=number, rotations=plain)
+    turning = {number for one in motion.rotations if one.of == "motion" for number in one.numbers}
+    states = ["" if place is None or number in turning else columns[place] for number, place in enumerate(pairs)]
+    number = tuple(msgspec.structs.replace(one, state=own) for one, own in zip(motion.number, states, strict=True))
+    return msgspec.structs.replace(motion, kind=kind, number=number)
 
 
 _BY_NAMES = "the names say"
 
 
-def _kind(description: LogDescription, ahead: Horizon, named: Sequence[int | None]) -> tuple[Kind, str]:
+def _kind(description: LogDescription, ahead: Horizon, named: Sequence[int | None], units: str) -> tuple[Kind, str]:
     """Return the kind of the motions and its source: the user, the data, or the state's names.
 
     Names count only for numbers that are no farther from the state's than their spread: one name
@@ -383,7 +414,7 @@ def _kind(description: LogDescription, ahead: Horizon, named: Sequence[int | Non
     if None not in named and (description.ratio is None or description.ratio <= CHANGES_ABOVE):
         return "absolute", _BY_NAMES
     raise SourceError(
-        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({description.why()}): give it with "
+        f"the data do not show the kind of the numbers of '{ACTION[0]}' ({description.why()}{units}): give it with "
         "--kind delta, absolute, velocity or waypoints"
     )
 

@@ -60,16 +60,18 @@ def _far_in_motion(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
 
 def _far(frames: Sequence[Frame], space: MotionSpace, places: Sequence[int]) -> str:
     """Return a note, with distances, on dimensions with numbers far from all others."""
-    names = [space.dimensions[place].name for place in places]
-    said = _as_far(relative_log(frames, space)[..., places].reshape(-1, len(places)), names)
+    names, columns = [space.dimensions[place].name for place in places], [space.plain.index(place) for place in places]
+    said = _as_far(relative_log(frames, space)[..., columns].reshape(-1, len(places)), names)
     return f"{_quoted(names)}: a few numbers lie far from all others ({said})"
 
 
 def _far_in_state(bank: FrameBank) -> Iterator[str]:
     if not bank.manifest.state:
         return
-    numbers = np.array([flat_state(frame.state) for frame in bank])
+    numbers, space = np.array([flat_state(frame.state) for frame in bank]), bank.manifest.motion
     far = outlying(numbers)
+    for one in () if space is None else space.rotations_of("state"):
+        far[:, list(one.numbers)] = False
     far &= ~recurs(far, [frame.drive for frame in bank])
     if not far.any():
         return
@@ -97,14 +99,11 @@ def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
     frames = logs(bank)
     if not frames:
         return
-    numbers = relative_log(frames, space).reshape(-1, len(space.dimensions))
-    spreads = {
-        place: float(numbers[:, place].std())
-        for place, dimension in enumerate(space.dimensions)
-        if dimension.scale is None
-    }
+    compared = relative_log(frames, space).reshape(-1, space.columns)
+    numbers = {place: compared[:, column] for column, place in enumerate(space.plain)}
+    spreads = {place: float(one.std()) for place, one in numbers.items() if space.dimensions[place].scale is None}
     if still := [place for place, spread in spreads.items() if spread <= ONE_VALUE]:
-        values = ", ".join(_value(frames, space, place, float(numbers[0, place])) for place in still)
+        values = ", ".join(_value(frames, space, place, float(numbers[place][0])) for place in still)
         yield (
             f"{values} in every row: the log gives no scale there, and an answer counts in its own unit; "
             f"{_leave_out(bank)}"

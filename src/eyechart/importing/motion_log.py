@@ -14,6 +14,7 @@ from eyechart.errors import SourceError, SpecError, did_you_mean
 from eyechart.importing.cells import Cell, Row, read_part
 from eyechart.importing.faults import Faults
 from eyechart.spaces.motion import PLACES, Dimension, Floats, Kind, MotionSpace
+from eyechart.spaces.rotations import Rotation
 
 MOST_NUMBERS = 50_000_000
 """The most numbers in all rows' motions together."""
@@ -105,6 +106,7 @@ class LoggedMotion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     kind: Kind = "delta"
     rate_hz: float | None = None
     name: str = "action"
+    rotations: tuple[Rotation, ...] = ()
 
     def space(self, state: Mapping[str, Sequence[str]], reflection: Reflection | None = None) -> MotionSpace:
         """Return the motion space of a bank; ``state`` maps each state to its numbers' columns.
@@ -145,6 +147,7 @@ class LoggedMotion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             ),
             mirrored=reflection is not None,
             words=tuple(known.words.items()),
+            rotations=self.rotations,
         )
 
 

@@ -93,7 +93,7 @@ class Pictures:
             frames = sum(
                 length or 0 for length in read_dataset(self.dataset, None, every=True).episodes.lengths.values()
             )
-            ahead, every = None if steps is None else Horizon(steps), max(1, frames // TAKEN)
+            ahead, every = None if steps is None else Horizon(steps, rotations=None), max(1, frames // TAKEN)
             own = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, every=every)
             with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
                 FORMATS["lerobot"].importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)

@@ -56,7 +56,7 @@ def steps_of(wanted: LookRequest) -> int:
         return before
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
-        a_few = {"choices": Choices(every=_SELDOM), "ahead": Horizon(1, "delta")}
+        a_few = {"choices": Choices(every=_SELDOM), "ahead": Horizon(1, "delta", rotations=None)}
         FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
         held = wanted.held or open_policy(wanted.spec)
         policy.run(policy.plan(bank, [held], run, extent=PolicySelection(1), conditions=("real",)))

@@ -190,10 +190,14 @@ class _ProbeFrames:
         """Return the logged motions of frames, or ``answers`` instead, relative to their states."""
         return relative_log(frames, self.space) if answers is None else relative(answers, frames, self.space)
 
+    def as_given(self, answer: Motion) -> Floats:
+        """Return an answer as motions are compared, not relative to the state."""
+        return self.space.relative(answer.array, None)
+
     def error(self, frame: Frame, answer: Motion) -> float:
         """Return the mean squared error to the logged motion, over the log's variance."""
         every = self.logged(self.logs)
-        spread = np.maximum(every.std(axis=(0, 1)), 1e-9)
+        spread = np.maximum(self.space.spreads(every), 1e-9)
         given = flat_state(frame.state)
         own = np.array(given) if len(given) else None
         found, wanted = (self.space.relative(one, own) for one in (answer.array, np.array(frame.motion)))
@@ -444,10 +448,10 @@ def _varies(asked: _ProbeFrames, order: list[Decision[Motion]], further: Mapping
     if (numbers == numbers[0]).all():
         return PolicyCheck("constant", False, "frames of different episodes get the same answer")
     logged = asked.logged(asked.logs) if asked.logs else np.zeros((0, 1, 1))
-    spread = logged.std(axis=(0, 1)) if len(logged) else numbers.std(axis=(0, 1))
+    spread = asked.space.spreads(logged if len(asked.logs) else numbers)
     units = np.where(spread > 0, spread, 1.0)
     varies = float((numbers / units).var(axis=0, ddof=1).mean())
-    again = np.stack([one.action.array for one in (order[0], order[1], order[3]) if one.action is not None])
+    again = np.stack([asked.as_given(one.action) for one in (order[0], order[1], order[3]) if one.action is not None])
     noise = float((again / units).var(axis=0, ddof=1).mean()) if len(again) > 1 else 0.0
     usual = float((logged / units).var(axis=0).mean()) if len(logged) else 0.0
     if usual and varies < _CONSTANT * usual:
@@ -476,7 +480,7 @@ def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> Polic
     most, least = size / np.maximum(here, usual), size / np.minimum(here, usual)
     sizes = np.where(most > 1, most, np.minimum(least, 1.0))
     away = np.abs(answers.mean(axis=(0, 1)) - logged.mean(axis=(0, 1))) / np.maximum(every.std(axis=(0, 1)), 1e-9)
-    for number, dimension in enumerate(asked.space.dimensions):
+    for number, dimension in enumerate(asked.space.dimensions[place] for place in asked.space.plain):
         if every[..., number].std() < 1e-9:
             continue
         if _SMALL <= sizes[number] <= _LARGE and away[number] <= _AWAY:

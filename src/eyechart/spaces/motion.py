@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from eyechart.errors import SpecError, raising, suggestion
 from eyechart.records import LARGEST, to_json_fields
+from eyechart.spaces.rotations import FREEDOM, MATRIX, Rotation, angle, compared
 from eyechart.spaces.space import Answer, AnySpace, Decision, SpaceDefaults, unparsed, why_unanswered
 
 Kind = Literal["delta", "absolute", "velocity", "waypoints"]
@@ -168,7 +169,8 @@ class MotionSpace(SpaceDefaults):
     ``state`` describes all numbers of the state in the controller's order; empty if unknown. A
     place (``absolute``, ``waypoints``) with an index in the state is measured relative to that
     number. Without ``mirrored`` the reflected motion is unknown. ``words`` are the pairs that an
-    instruction exchanges under reflection, such as left and right.
+    instruction exchanges under reflection, such as left and right. ``rotations`` are numbers of the
+    motion or the state that are one rotation, and are compared by its angle.
     """
 
     who: ClassVar[str] = "policy"
@@ -183,6 +185,7 @@ class MotionSpace(SpaceDefaults):
     state: tuple[Dimension, ...] = ()
     mirrored: bool = False
     words: tuple[tuple[str, str], ...] = ()
+    rotations: tuple[Rotation, ...] = ()
 
     def __post_init__(self) -> None:
         if self.horizon < 1 or not self.dimensions:
@@ -197,6 +200,53 @@ class MotionSpace(SpaceDefaults):
                 )
         if self.mirrored:
             self._require_reflected_alike()
+        if self.rotations:
+            self._require_rotations()
+
+    def _require_rotations(self) -> None:
+        """Raise SpecError if rotations overlap, exceed the numbers, or have no meaning here."""
+        name, states = f"motion '{self.name}'", {one.first for one in self.rotations_of("state")}
+        if self.mirrored:
+            raise SpecError(f"{name}: the reflection of a rotation is not known: leave out [reflection]")
+        if self.kind == "velocity" and self.rotations_of("motion"):
+            raise SpecError(f"{name}: a speed of turning is no rotation but a vector: declare no rotation of it")
+        for of, dimensions in (("motion", self.dimensions), ("state", self.state)):
+            taken = [number for one in self.rotations if one.of == of for number in one.numbers]
+            if len(set(taken)) < len(taken) or not set(taken) <= set(range(len(dimensions))):
+                raise SpecError(f"{name}: two rotations of the {of} share a number, or one exceeds its numbers")
+        for one in self.rotations:
+            if one.state is not None and one.state not in states:
+                raise SpecError(f"{name}: a rotation belongs to number {one.state} of the state, where none begins")
+            scales = {self.dimensions[number].scale for number in one.numbers} if one.of == "motion" else {None}
+            if len(scales) > 1:
+                raise SpecError(f"{name}: the numbers of a rotation have one scale, in radians, or none")
+
+    def rotations_of(self, of: Literal["motion", "state"]) -> tuple[Rotation, ...]:
+        """Return the rotations of the motion or of the state, by their first numbers."""
+        return tuple(sorted((one for one in self.rotations if one.of == of), key=lambda one: one.first))
+
+    @cached_property
+    def plain(self) -> tuple[int, ...]:
+        """Return the dimensions that are no part of a rotation; `relative` gives them first."""
+        taken = {number for one in self.rotations_of("motion") for number in one.numbers}
+        return tuple(number for number in range(len(self.dimensions)) if number not in taken)
+
+    @cached_property
+    def parts(self) -> dict[str, tuple[int, ...]]:
+        """Return the columns of `relative` by the name of their dimension or their rotation."""
+        found: dict[str, tuple[int, ...]] = {
+            self.dimensions[number].name: (place,) for place, number in enumerate(self.plain)
+        }
+        for turn, one in enumerate(self.rotations_of("motion")):
+            first, last = (self.dimensions[number].name for number in (one.numbers[0], one.numbers[-1]))
+            start = len(self.plain) + MATRIX * turn
+            found[f"rotation {first} to {last}"] = tuple(range(start, start + MATRIX))
+        return found
+
+    @property
+    def columns(self) -> int:
+        """Return how many numbers a step has as motions are compared (`relative`)."""
+        return sum(map(len, self.parts.values()))
 
     def _require_reflected_alike(self) -> None:
         """Raise SpecError if a place and its number in the state are reflected differently."""
@@ -234,7 +284,8 @@ class MotionSpace(SpaceDefaults):
             for dimension in self.dimensions
         )
         rate = "" if self.rate_hz is None else f", {self.rate_hz:g} Hz"
-        return f"{self.name}: {self.kind}{rate}: {', '.join(parts)}"
+        turns = "" if not self.rotations else f"; rotations: {self.rotations_in_words()}"
+        return f"{self.name}: {self.kind}{rate}: {', '.join(parts)}{turns}"
 
     def read(self, reply: Answer) -> Decision[Motion]:
         """Return the motion in a reply, if it has this shape and is finite."""
@@ -246,11 +297,16 @@ class MotionSpace(SpaceDefaults):
             motion = Motion.read(reply.text)
         except ValueError as error:
             return unparsed(str(error))
+        fault = self._fault(motion)
+        return unparsed(fault) if fault else Decision(motion)
+
+    def _fault(self, motion: Motion) -> str:
         if motion.shape != self.shape:
-            return unparsed("wrong_shape")
+            return "wrong_shape"
         if not (np.abs(motion.array) <= LARGEST).all():
-            return unparsed("not_finite")
-        return Decision(motion)
+            return "not_finite"
+        whole = not self.rotations or bool(np.isfinite(self.relative(motion.array, None)).all())
+        return "" if whole else "not_a_rotation"
 
     def lacks(self, reply: Answer) -> str:
         """Return in words why a reply holds no motion; "" for a motion or an error."""
@@ -262,6 +318,7 @@ class MotionSpace(SpaceDefaults):
             return f"its shape is {came}, and that of the bank's motions {self.shape}: {self._mends(came)}"
         words = {
             "not_finite": f"some of its values are not numbers (NaN, infinite, or beyond {LARGEST:g})",
+            "not_a_rotation": "its numbers of a rotation give none, as a quaternion of zeros does",
             "other_bytes": "its bytes do not match its digest",
             "not_a_motion": "it is no array",
         }
@@ -287,36 +344,64 @@ class MotionSpace(SpaceDefaults):
         return f"return an array of {steps} steps of {wide} numbers"
 
     def relative(self, numbers: Floats, states: Floats | None) -> Floats:
-        """Return places relative to their states, shape (…, steps, dimensions).
+        """Return motions as they are compared, places relative to their states.
 
-        ``states`` has shape (…, numbers). A number that is no place, or has no number in the state,
-        stays as it is.
+        ``numbers`` has shape (…, steps, dimensions), ``states`` (…, numbers), and the result (…,
+        steps, columns). A number that is no place, or has no number in the state, stays as it is.
+        Plain numbers come first, then nine numbers of each rotation (`eyechart.spaces.rotations`).
         """
-        if self.kind not in PLACES or states is None:
+        shown = states if self.kind in PLACES else None
+        if shown is None and not self.rotations_of("motion"):
             return numbers
         result = numbers.copy()
         for number, dimension in enumerate(self.dimensions):
-            if dimension.state is not None:
-                result[..., number] -= states[..., dimension.state, None]
-        return result
+            if dimension.state is not None and shown is not None:
+                result[..., number] -= shown[..., dimension.state, None]
+        turns = [self._turned(one, numbers, shown) for one in self.rotations_of("motion")]
+        return np.concatenate([result[..., list(self.plain)], *turns], axis=-1) if turns else result
+
+    def _turned(self, one: Rotation, numbers: Floats, states: Floats | None) -> Floats:
+        """Return a rotation of motions, from the state's rotation on if it has one."""
+        found = one.matrices(numbers)
+        if states is None or one.state is None:
+            return compared(found)
+        (own,) = (each for each in self.rotations_of("state") if each.first == one.state)
+        return compared(np.swapaxes(own.matrices(states), -1, -2)[..., None, :, :] @ found)
+
+    def in_parts(self, numbers: Floats) -> Floats:
+        """Return compared motions (…, columns) with one number a part, a rotation's angle."""
+        every = [numbers[..., many] for many in map(list, self.parts.values())]
+        found = [angle(one) if one.shape[-1] == MATRIX else one[..., 0] for one in every]
+        return np.stack(found, axis=-1)
+
+    def spreads(self, numbers: Floats) -> Floats:
+        """Return the spread of each column of compared motions (…, columns); a rotation has one."""
+        spread = np.asarray(numbers.reshape(-1, self.columns).std(axis=0))
+        for many in self.parts.values():
+            if len(many) == MATRIX:
+                spread[list(many)] = np.sqrt((spread[list(many)] ** 2).sum() / FREEDOM)
+        return spread
 
     def scales(self, logged: Floats | None = None) -> Floats:
-        """Return the scale of each dimension, shape (dimensions,): declared, or the log's spread.
+        """Return the scale of each column of `relative`: declared, or the log's spread.
 
-        ``logged`` has shape (frames, steps, dimensions). The scale is 1 if neither exists: a
-        dimension that never moved counts in its own unit.
+        ``logged`` has shape (frames, steps, columns). The scale is 1 if neither exists: a dimension
+        that never moved counts in its own unit.
         """
-        spread = None if logged is None or not len(logged) else logged.reshape(-1, len(self.dimensions)).std(axis=0)
-        own = [dimension.scale for dimension in self.dimensions]
+        spread = None if logged is None or not len(logged) else self.spreads(logged)
+        own = [self.dimensions[number].scale for number in self.plain]
+        for one in self.rotations_of("motion"):
+            own += [self.dimensions[one.first].scale] * MATRIX
         found = np.ones(len(own)) if spread is None else np.where(spread > 1e-9, spread, 1.0)
         return np.array([far if scale is None else scale for scale, far in zip(own, found, strict=True)])
 
     def displacement(self, numbers: Floats, axis: str) -> Floats:
-        """Return the displacement of motions (…, steps, dimensions) along an axis, shape (…).
+        """Return the displacement of compared motions (…, steps, columns) along an axis, shape (…).
 
-        Deltas add up, velocities too by their rate; a place is that of the last step.
+        Deltas add up, velocities too by their rate; a place is that of the last step. A rotation
+        has none.
         """
-        along = [number for number, dimension in enumerate(self.dimensions) if dimension.along == axis]
+        along = [place for place, number in enumerate(self.plain) if self.dimensions[number].along == axis]
         rows = numbers[..., along].sum(axis=-1)
         if self.kind in PLACES:
             return np.asarray(rows[..., -1])
@@ -324,11 +409,15 @@ class MotionSpace(SpaceDefaults):
 
     def distance(self, one: Motion, other: Motion) -> float:
         """Return the root mean square difference over steps and dimensions, in units of scale."""
-        return float(np.sqrt(np.mean(((one.array - other.array) / self.scales()) ** 2)))
+        apart = (self.relative(one.array, None) - self.relative(other.array, None)) / self.scales()
+        count = len(self.plain) + FREEDOM * len(self.rotations_of("motion"))
+        if self.columns == count:
+            return float(np.sqrt(np.mean(apart**2)))
+        return float(np.sqrt((apart**2).sum(axis=-1).mean() / count))
 
     def project(self, action: Motion, axis: str) -> float | None:
         """Return a motion's displacement along an axis of the world; None without a dimension."""
-        return float(self.displacement(action.array, axis)) if axis in self.axes else None
+        return float(self.displacement(self.relative(action.array, None), axis)) if axis in self.axes else None
 
     def reflect(self, action: Motion) -> Motion | None:
         """Return the motion that the reflected world calls for; None if that is unknown."""
@@ -380,6 +469,7 @@ class MotionSpace(SpaceDefaults):
             "horizon": (str(self.horizon), str(other.horizon)),
             "rate": tuple("none" if one.rate_hz is None else f"{one.rate_hz:g} Hz" for one in (self, other)),
             "dimensions": tuple(", ".join(each.name for each in one.dimensions) for one in (self, other)),
+            "rotations": tuple(one.rotations_in_words() for one in (self, other)),
         }
         if pairs["dimensions"][0] == pairs["dimensions"][1]:
             for mine, theirs in zip(self.dimensions, other.dimensions, strict=True):
@@ -393,6 +483,11 @@ class MotionSpace(SpaceDefaults):
     def _state_of(self, one: Dimension) -> str:
         return "none" if one.state is None else self.state[one.state].name
 
+    def rotations_in_words(self) -> str:
+        """Return the rotations as `--rotation` declares them, "none" without any."""
+        found = (f"{one.of}[{one.first}:{one.numbers.stop}]={one.representation}" for one in self.rotations)
+        return ", ".join(sorted(found)) or "none"
+
     def wording(self) -> str:
         """Return a text that changes with the space."""
         return json.dumps(self.as_dict(), sort_keys=True)
@@ -404,7 +499,9 @@ class MotionSpace(SpaceDefaults):
     def as_dict(self) -> dict[str, object]:
         """Return the space as plain JSON values."""
         return to_json_fields(
-            self, f"name horizon kind rate_hz mirrored {'words ' if self.words else ''}dimensions state"
+            self,
+            f"name horizon kind rate_hz mirrored {'words ' if self.words else ''}dimensions state"
+            f"{' rotations' if self.rotations else ''}",
         )
 
 

@@ -326,21 +326,22 @@ def dispersion_change(
 
 
 def shares_of_parts(
-    first: Floats, second: Floats, one: Floats, other: Floats
+    first: Floats, second: Floats, one: Floats, other: Floats, columns: Sequence[Sequence[int]]
 ) -> Mapping[str, tuple[float | None, ...]]:
     """Return the share by ``dimension`` and by ``step`` of the horizon, None without variation.
 
     The answers have shape (k, frames, steps, dimensions): with the channel, with it exchanged, and
-    of two frames.
+    of two frames. ``columns`` are those of each named dimension: a rotation has several.
     """
     effect, variation = half_products(first, second).mean(axis=0), half_products(one, other).mean(axis=0)
     least = TIE * max(1.0, float(variation.mean()))
-    parts = {"dimension": 0, "step": 1}
+    of_dimension = [np.array([one.mean(axis=0)[list(many)].sum() for many in columns]) for one in (effect, variation)]
+    parts = {"dimension": of_dimension, "step": [one.mean(axis=1) for one in (effect, variation)]}
     result = {}
-    for name, axis in parts.items():
+    for name, (went, whole) in parts.items():
         with np.errstate(invalid="ignore", divide="ignore"):
-            shares = effect.mean(axis=axis) / variation.mean(axis=axis)
-        varies = variation.mean(axis=axis) > least
+            shares = went / whole
+        varies = whole > least
         result[name] = tuple(float(share) if good else None for share, good in zip(shares, varies, strict=True))
     return result
 

@@ -41,6 +41,7 @@ from eyechart.stats.sign_flip import follow
 from eyechart.stats.statistic import Statistic, not_available
 from eyechart.stats.total_effect import (
     LEVEL,
+    ROUNDING,
     Pairs,
     dispersion_change,
     distance_from_log,
@@ -116,7 +117,9 @@ class Effects:
     def __init__(self, motions: Motions, *, drawn: bool, seeded: bool = False) -> None:
         self._motions, self._drawn, self._seeded = motions, drawn, seeded
         real = motions.of("real")
-        empty = np.full((1, len(motions.plan.frames), *motions.plan.motions.shape), np.nan)
+        space = motions.plan.motions
+        empty = np.full((1, len(motions.plan.frames), space.horizon, space.columns), np.nan)
+        self._columns_of = {name: list(many) for name, many in space.parts.items()}
         self._real = empty if real is None else real
         self._compared = motions.compared
         self._episodes = motions.episodes
@@ -159,8 +162,12 @@ class Effects:
             result = replace(result, far_off=len(here), far_off_of=of)
         if result.value is None:
             return result
-        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
-        (offset, first), (spread, second) = distance_from_log(answers, logged)
+        # The columns of a rotation have no spread of their own; its error is in the value.
+        plain = {name: many[0] for name, many in self._columns_of.items() if len(many) == 1}
+        if not plain:
+            return result
+        names, places = list(plain), list(plain.values())
+        (offset, first), (spread, second) = distance_from_log(answers[..., places], logged[..., places])
         return replace(result, offset=offset, offset_of=names[first], spread=spread, spread_of=names[second])
 
     def variation_share(self) -> Statistic:
@@ -175,8 +182,14 @@ class Effects:
         logged = float(squared_distance(fit[None, frames], fit[None, others]).mean())
         if not logged > 0:
             return not_available("the logged motions are all the same", len(frames), method)
-        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
-        still = [names[place] for place in held_still(self._real[:, frames].mean(axis=0), fit[frames])]
+        answers = self._real[:, frames].mean(axis=0)
+        held = {*held_still(answers, fit[frames])}
+        moved = {*np.flatnonzero(np.ptp(answers.reshape(-1, answers.shape[-1]), axis=0) >= ROUNDING).tolist()}
+        still = [
+            name
+            for name, many in self._columns_of.items()
+            if held & {*many} and (len(many) == 1 or not moved & {*many})
+        ]
         return Share(own / logged, len(frames), method=method, still=still or None)
 
     def memory(self) -> Statistic:
@@ -212,7 +225,8 @@ class Effects:
         It is 0 if the repeats are equal, or if the policy draws its answers or is seeded. It is in
         the units of the raw answers.
         """
-        real, again = (self._motions.answers.get(name) for name in ("real", "real_repeat"))
+        both = {"real", "real_repeat"} <= self._motions.answers.keys()
+        real, again = (self._motions.as_given(name) if both else None for name in ("real", "real_repeat"))
         exact = np.zeros(self._real.shape[-1])
         if real is None or again is None or self._drawn or self._seeded:
             return exact
@@ -224,7 +238,7 @@ class Effects:
 
         The raw answers are compared, since one place is another one relative to another state.
         """
-        real, other = (self._motions.answers[name][:, frames] for name in ("real", condition))
+        real, other = (self._motions.as_given(name)[:, frames] for name in ("real", condition))
         return float((np.abs(real - other) <= self._near).all(axis=(0, 2, 3)).mean())
 
     @cached_property
@@ -238,7 +252,7 @@ class Effects:
         frames = self._answered(condition)
         if isinstance(frames, str):
             return frames
-        real, other = (self._motions.answers[name][:, frames] / self._motions.scales for name in ("real", condition))
+        real, other = (self._motions.as_given(name)[:, frames] / self._motions.scales for name in ("real", condition))
         return self._between(condition, frames, real, other), real, other
 
     def reads(self) -> Statistic:
@@ -341,9 +355,12 @@ class Effects:
             return found
         p = permutation_p(real, other, seed=key_seed("relabelling", condition)) if self._drawn else None
         some, others = self._others()
-        parts = shares_of_parts(real, other, self._real[:, some], self._real[:, others])
-        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
-        by = {"by_dimension": dict(zip(names, parts["dimension"], strict=True)), "by_step": list(parts["step"])}
+        columns = list(self._columns_of.values())
+        parts = shares_of_parts(real, other, self._real[:, some], self._real[:, others], columns)
+        by = {
+            "by_dimension": dict(zip(self._columns_of, parts["dimension"], strict=True)),
+            "by_step": list(parts["step"]),
+        }
         apart = None
         if self._drawn:
             apart = dispersion_change(real, other, self._whole_variation, seed=key_seed("scatter", condition))
@@ -381,8 +398,10 @@ class Effects:
         some, others = self._others()
         went = half_products(self._real[:, frames], changed[:, frames])
         varies = half_products(self._real[:, some], self._real[:, others])
-        names = [dimension.name for dimension in self._motions.plan.motions.dimensions]
-        parts = {name: (went[..., place], varies[..., place]) for place, name in enumerate(names)}
+        parts = {
+            name: (went[..., many].sum(axis=-1), varies[..., many].sum(axis=-1))
+            for name, many in self._columns_of.items()
+        }
         parts |= {f"step {step + 1}": (went[:, step], varies[:, step]) for step in range(went.shape[1])}
         result, small = {}, rare(self._motions.plan.bank) - {*chain.from_iterable(self._far.values())}
         for name, (less, more) in parts.items():

@@ -1,7 +1,7 @@
 """Figures of policies: each channel's share, and one moment with each channel exchanged."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle, pairwise
 from typing import Any
 
@@ -383,10 +383,11 @@ def _read_as(space: MotionSpace, *, on_a_plane: bool) -> str:
             f"Each line is the path of its motion ({steps}{rate}) from the ring on; {down} points down, as in a "
             f"picture. {exchanged}"
         )
-    alone = len(space.dimensions) == 1
+    alone = len(space.parts) == 1
     what = "the number of its motion" if alone else "one number of its motion"
     names = {dimension.name for dimension in space.dimensions if space.kind in PLACES and dimension.state is not None}
     relative = " Places are drawn relative to its state." if names else ""
+    relative += " Of a rotation its angle is drawn, in radians." if space.rotations_of("motion") else ""
     units = "" if any(dimension.unit for dimension in space.dimensions) else " The bank names no units."
     units = f" All are in {_unit(space)}." if _unit(space) else units
     return f"Each curve is {what} over {steps}{rate}; each axis has a scale of its own.{relative}{units} {exchanged}"
@@ -476,10 +477,10 @@ def curves(seen: Mapping[str, Floats], space: MotionSpace, lines: Sequence[Motio
 
     An axis spans at least its dimension's scale, so that small differences look small.
     """
-    names = [
-        f"{dimension.name} ({dimension.unit})" if dimension.unit and not _unit(space) else dimension.name
-        for dimension in space.dimensions
-    ]
+    units = {dimension.name: dimension.unit for dimension in space.dimensions}
+    names = [f"{name} ({units[name]})" if units.get(name) and not _unit(space) else name for name in space.parts]
+    lines = [replace(line, numbers=space.in_parts(line.numbers)) for line in lines]
+    scales = scales[[many[0] for many in space.parts.values()]]
     columns = 1 if len(names) <= _FEW else 2
     rows = -(-len(names) // columns)
     beside = min(max(len(seen), 3), _IN_A_ROW)

@@ -61,7 +61,7 @@ class Motions:
 
     @cached_property
     def scales(self) -> Floats:
-        """Return the scale of each dimension over the whole bank's log, shape (dimensions,)."""
+        """Return the scale of each compared number over the whole bank's log, shape (columns,)."""
         frames = logs(self.plan.bank)
         if not frames:
             return self.plan.motions.scales()
@@ -82,6 +82,10 @@ class Motions:
         """Return a condition's answers relative to the state shown, in own units, or None."""
         found = self.of(condition)
         return None if found is None else np.asarray(found * self.scales)
+
+    def as_given(self, condition: str) -> Floats:
+        """Return a condition's answers as they are compared, not relative to the state."""
+        return self.plan.motions.relative(self.answers[condition], None)
 
     def _shown(self, condition: str) -> Floats | None:
         """Return the states that a policy gets under a condition."""
@@ -105,7 +109,7 @@ class Motions:
         if base not in PARTNERS:
             return own
         bank = self.plan.bank
-        theirs = partners(bank.frames, *whose(base, channel), bank.manifest.images)[own]
+        theirs = partners(bank.frames, *whose(base, channel), bank.manifest.images, self.plan.motions)[own]
         return np.where(theirs == NOBODY, own, theirs)
 
     @cached_property

@@ -229,10 +229,10 @@ def _draws(replies: Iterator[tuple[CallKey, Reply]], space: MotionSpace, *, agai
         if (key.condition, key.repeat) in {("real", 0), ("real_repeat", again)}:
             motion = space.read(reply).action
             if motion is not None and motion != (before := first.setdefault(key.frame, motion)):
-                apart.append((before.array, motion.array))
+                apart.append((space.relative(before.array, None), space.relative(motion.array, None)))
     if not apart:
         return False
-    near = rounding_tolerance(np.stack([one.array for one in first.values()]))
+    near = rounding_tolerance(np.stack([space.relative(one.array, None) for one in first.values()]))
     return any(bool((np.abs(one - other) > near).any()) for one, other in apart)
 
 

@@ -146,7 +146,7 @@ def meant_by(name: str) -> str:
 def parts_table(score: PolicyScore) -> Table:
     """Return the share of every channel by dimension of the motion."""
     space = score.bank.manifest.motion
-    names = [] if space is None else [dimension.name for dimension in space.dimensions]
+    names = [] if space is None else [*space.parts]
     rows: list[tuple[Cell, ...]] = [
         (*head, *(parts[part] for part in names)) for head, parts in _parts(score, "by_dimension", dict)
     ]

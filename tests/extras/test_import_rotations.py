@@ -1,0 +1,185 @@
+"""Rotations in a LeRobotDataset: declared, asked about where they are plain to see, or refused as wrong."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from data_sets import arm, arrow, describe, reach, rewrite
+from eyechart.cli.app import app
+from eyechart.errors import SourceError, SpecError
+from eyechart.frames import FrameBank, open_bank
+from eyechart.importing import Choices, Horizon, import_lerobot
+from eyechart.importing.costs import costs
+from eyechart.importing.logged_rotations import LoggedRows, Names, Places
+from eyechart.importing.motion_log import MotionSegment
+from eyechart.spaces.rotations import WIDTH, Representation
+from rotated_logs import poses, product, written
+
+pytestmark = pytest.mark.models
+
+STATE = "observation.state"
+
+
+def posed(
+    root: Path,
+    how: Representation,
+    *,
+    names: list[str] | None = None,
+    spoil: float = 1.0,
+    changes: bool = False,
+) -> None:
+    """Write a data set of poses, or of their changes."""
+    arm(root, inside=True)
+    rng = np.random.default_rng(3)
+    pa, pq = arrow()
+    every = iter(poses(episodes=8, length=10))
+    wide = 3 + WIDTH[how]
+    for path in sorted((root / "data").rglob("*.parquet")):
+        states, done = [], []
+        for steps in (next(every) for _ in range(4)):
+            for now, after in pairwise(steps):
+                one, other = (np.r_[each[0], written(each[1], how, rng)] for each in (now, after))
+                if changes:
+                    turn = product(now[1] * [-1, -1, -1, 1], after[1])
+                    other = np.r_[after[0] - now[0], written(turn * np.sign(turn[3]), how, rng)]
+                states.append((one * np.r_[1, 1, 1, [spoil] * WIDTH[how]]).tolist())
+                done.append((other * np.r_[1, 1, 1, [spoil] * WIDTH[how]]).tolist())
+        table = pq.read_table(path)
+        for name, numbers in ((STATE, states), ("action", done)):
+            table = table.set_column(table.schema.get_field_index(name), name, pa.array(numbers))
+        pq.write_table(table, path)
+    describe(
+        root, lambda info: [info["features"][name].update(shape=[wide], names=names) for name in (STATE, "action")]
+    )
+
+
+def both(how: str, end: int) -> tuple[str, str]:
+    """Return the options for the state and the action."""
+    return f"{STATE}[3:{end}]={how}", f"action[3:{end}]={how}"
+
+
+def bank_of(root: Path, *rotations: str, kind: str | None = None) -> FrameBank:
+    """Import a data set for policies."""
+    return import_lerobot(root, root.parent / "bank", Choices(), ahead=Horizon(2, kind, rotations=rotations))  # type: ignore[arg-type]
+
+
+def asked(root: Path, *rotations: str) -> str:
+    """Return what a refused import says."""
+    with pytest.raises(SpecError) as refused:
+        bank_of(root, *rotations)
+    assert not (root.parent / "bank").exists()
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("how", ["quat_xyzw", "axis_angle", "rot6d", "euler_xyz"])
+def test_absolute_poses_are_told_in_every_representation(tmp_path: Path, how: Representation) -> None:
+    """Also with signs and wraps at random; the bank measures each rotation from the state's."""
+    posed(tmp_path / "set", how)
+    bank = bank_of(tmp_path / "set", *both(how, 3 + WIDTH[how]))
+    space = bank.manifest.motion
+    assert space is not None
+    assert space.kind == "absolute"
+    assert [(one.of, one.first, one.state) for one in space.rotations] == [("motion", 3, 3), ("state", 3, None)]
+    assert [one.state for one in space.dimensions] == [0, 1, 2, *[None] * WIDTH[how]]
+    assert any("rotations, compared by their angle: " in line for line in costs(bank))
+
+
+def test_changes_of_a_pose_are_told(tmp_path: Path) -> None:
+    """A small turn is a rotation too, and is measured from no state."""
+    posed(tmp_path / "set", "axis_angle", changes=True)
+    bank = bank_of(tmp_path / "set", *both("axis_angle", 6))
+    space = bank.manifest.motion
+    assert space is not None
+    assert space.kind == "delta"
+    assert {one.state for one in space.rotations} == {None}
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [("quat_xyzw", "quat_xyzw"), ("axis_angle", "axis_angle"), ("rot6d", "rot6d")],
+)
+def test_numbers_that_are_plainly_a_rotation_are_asked_about(tmp_path: Path, how: Representation, says: str) -> None:
+    """With the option that answers; `none` is an answer too."""
+    posed(tmp_path / "set", how)
+    words = ["frames", "import", str(tmp_path / "set"), "--horizon", "2", "--out", str(tmp_path / "bank")]
+    end = 3 + WIDTH[how]
+    said = asked(tmp_path / "set")
+    for name in (STATE, "action"):
+        assert f"rotation '{name}[3:{end}]={says}'" in said
+        assert f"rotation '{name}[3:{end}]=none'" in said
+    words += ["--format", "lerobot", "--kind", "absolute"]
+    result = CliRunner().invoke(app, [*words, *(word for one in both("none", end) for word in ("--rotation", one))])
+    assert result.exit_code == 0, result.output
+    space = open_bank(tmp_path / "bank").manifest.motion
+    assert space is not None
+    assert not space.rotations
+
+
+def test_a_quaternion_whose_names_say_that_w_is_first_is_asked_about_as_that(tmp_path: Path) -> None:
+    """And the other order is refused."""
+    posed(tmp_path / "set", "quat_wxyz", names=["x", "y", "z", "qw", "qx", "qy", "qz"])
+    assert "rotation 'action[3:7]=quat_wxyz'" in asked(tmp_path / "set")
+    assert "its first number is named 'qw', as in quat_wxyz" in asked(tmp_path / "set", *both("quat_xyzw", 7))
+
+
+@pytest.mark.parametrize(
+    ("how", "declared", "spoil", "says"),
+    [
+        ("quat_xyzw", "quat_xyzw", 1.1, "a quaternion has length 1, and one row has 1.1"),
+        ("rot6d", "rot6d", 1.1, "must have length 1 and a right angle, and one row is off by 0.1"),
+        ("axis_angle", "axis_angle", 57.3, "a rotation vector has at most 2 pi radians, .* are these degrees?"),
+        ("euler_xyz", "euler_xyz", 57.3, "an angle has at most 2 pi radians, .* are these degrees?"),
+        ("rot6d", "quat_xyzw", 1.0, r"a quaternion has length 1, .*\[3:9\] look like rot6d"),
+    ],
+)
+def test_a_rotation_that_the_data_contradict_is_refused(
+    tmp_path: Path, how: Representation, declared: Representation, spoil: float, says: str
+) -> None:
+    """With what is wrong with the numbers, and what they look like."""
+    posed(tmp_path / "set", how, spoil=spoil)
+    with pytest.raises(SpecError, match=says):
+        bank_of(tmp_path / "set", *both(declared, 3 + WIDTH[declared]))
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        ("action[3:7]", "write FEATURE"),
+        ("action[3:7]=quat", "a rotation is quat_xyzw"),
+        ("action[3:6]=quat_xyzw", "has 4 numbers, and"),
+        ("action[5:9]=quat_xyzw", "'action' has 7 numbers"),
+        ("actoin[3:7]=quat_xyzw", "no such feature; did you mean 'action'"),
+    ],
+)
+def test_a_malformed_option_is_refused(tmp_path: Path, option: str, says: str) -> None:
+    """Each with its own words."""
+    posed(tmp_path / "set", "quat_xyzw")
+    assert says in asked(tmp_path / "set", option)
+
+
+def test_an_ordinary_log_of_joints_is_not_asked_about(tmp_path: Path) -> None:
+    """Neither wandering joints, nor a joint that wraps at half a turn, nor a one-hot word of four numbers."""
+    reach(tmp_path / "set", {"action": None})
+    assert bank_of(tmp_path / "set").manifest.motion is not None
+    rng = np.random.default_rng(4)
+    joints = np.cumsum(0.2 * rng.normal(size=(400, 10)), axis=0)
+    joints[:, 0] = (np.linspace(0, 40, 400) + np.pi) % (2 * np.pi) - np.pi
+    joints[:, 1:3] = 0.05 * rng.normal(size=(400, 2)) + 0.1
+    joints[:, 6:] = np.eye(4)[rng.integers(0, 4, 400)]
+    walk = MotionSegment(joints, joints)
+    places: Places = {of: [("arm", number) for number in range(10)] for of in ("motion", "state")}
+    names: Names = {of: [f"j{number}" for number in range(10)] for of in ("motion", "state")}
+    assert LoggedRows.of([walk], places, names).rotations([]) == ()
+
+
+def test_degrees_beside_radians_are_named(tmp_path: Path) -> None:
+    """Not taken for changes, nor for places: the message says which of both is in degrees."""
+    names: dict[str, list[str] | None] = {STATE: ["a", "b"], "action": ["a", "b"]}
+    reach(tmp_path / "set", names)
+    for path in (tmp_path / "set/data").rglob("*.parquet"):
+        rewrite(path, lambda rows: [row | {STATE: np.degrees(row[STATE]).tolist()} for row in rows])
+    with pytest.raises(SourceError, match="the motion in radians and the state in degrees"):
+        bank_of(tmp_path / "set")
