@@ -106,6 +106,16 @@ class Discrete(SpaceDefaults):
         return ActionNames((*((action, action) for action in self.actions), *self.aliases), sided)
 
     @property
+    def choices(self) -> tuple[str, ...]:
+        """Return the names that a prompt must say."""
+        return self.actions
+
+    def on(self, own: "Discrete") -> "Discrete":
+        """Return the space of a prompt on a bank with its ``own`` actions."""
+        del own
+        return self
+
+    @property
     def directional(self) -> tuple[str, ...]:
         """Return the actions that a reflection exchanges."""
         return tuple(action for pair in self.mirror_pairs for action in pair)
@@ -174,7 +184,7 @@ class Discrete(SpaceDefaults):
 
 def named_actions(space: AnySpace | None, own: Discrete) -> Discrete:
     """Return the named actions to read from replies: a prompt's, or a bank's ``own``."""
-    return space if isinstance(space, Discrete) else own
+    return space.on(own) if isinstance(space, Discrete) else own
 
 
 @dataclass(frozen=True, slots=True)

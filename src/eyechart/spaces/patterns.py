@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from eyechart.errors import SpecError, raising
 
@@ -26,7 +27,7 @@ _ASSERTIONS = frozenset(["^", "$", r"\b", r"\B"])
 
 Test = Callable[[str, int], object]
 
-_Node = tuple[str, object]
+_Node = tuple[str, Any]
 """A part of a pattern: its kind and its content."""
 
 
@@ -77,7 +78,7 @@ class LinearPattern:
             start = max(end, start + 1)
 
 
-_Instruction = tuple[str, object]
+_Instruction = tuple[str, Any]
 """Its kind, and its test or the places of the ways on."""
 
 
@@ -94,13 +95,13 @@ def _match(
         failed[place] = known | 1 << at
         kind, content = program[at]
         if kind == "test":
-            if place < len(text) and content(text, place):  # type: ignore[operator]
+            if place < len(text) and content(text, place):
                 stack.append((at + 1, place + 1, begin, behind))
         elif kind == "assert":
-            if content(text, place):  # type: ignore[operator]
+            if content(text, place):
                 stack.append((at + 1, place, begin, behind))
         elif kind == "split":  # the first way is tried first, and lies on top
-            stack += [(way, place, begin, behind) for way in reversed(content)]  # type: ignore[call-overload]
+            stack += [(way, place, begin, behind) for way in reversed(content)]
         elif kind == "open":
             stack.append((at + 1, place, place, behind))
         elif kind == "close":
@@ -221,12 +222,12 @@ def _emit(node: _Node, made: list[_Instruction], where: str) -> None:
         raise SpecError(f"{where}: the pattern repeats too much: at most {_INSTRUCTIONS_AT_MOST} steps")
     kind, content = node
     if kind == "row":
-        for part in content:  # type: ignore[attr-defined]
+        for part in content:
             _emit(part, made, where)
     elif kind == "either":
-        _emit_either(content, made, where)  # type: ignore[arg-type]
+        _emit_either(content, made, where)
     elif kind == "repeat":
-        _emit_repeat(*content, made, where)  # type: ignore[misc]
+        _emit_repeat(content, made, where)
     else:
         made.append((kind, content))
 
@@ -245,8 +246,9 @@ def _emit_either(ways: list[_Node], made: list[_Instruction], where: str) -> Non
         made[end] = ("split", (len(made),))
 
 
-def _emit_repeat(node: _Node, least: int, most: int, lazy: object, made: list[_Instruction], where: str) -> None:
+def _emit_repeat(content: tuple[_Node, int, int, bool], made: list[_Instruction], where: str) -> None:
     """Append a node ``least`` times, and then optionally up to ``most`` times; -1 is no bound."""
+    node, least, most, lazy = content
 
     def choose(inside: int, behind: int) -> _Instruction:
         return "split", (behind, inside) if lazy else (inside, behind)

@@ -98,6 +98,16 @@ class SpaceDefaults(Protocol):
         del reader
         return self
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the prompt columns with the names that a frame allows."""
+        return ()
+
+    def given(self, told: Mapping[str, object]) -> Self:
+        """Return the space of one frame whose words state these fields."""
+        del told
+        return self
+
     def in_world(self, distances: Distances) -> Self:
         """Return the space of a world with these distances."""
         del distances

@@ -132,7 +132,7 @@ class PaperStatistics:
 
     def _coded(self, symbols: Symbols) -> "_CodedLabels":
         """Return symbols as numbers, in sorted order of their names, -1 for ``ABSENT``."""
-        names = tuple(sorted({*self.answers.space.actions, UNPARSED}))
+        names = tuple(sorted({*self.answers.names, UNPARSED}))
         codes = np.full(len(symbols), -1, dtype=np.int64)
         for code, name in enumerate(names):
             codes[symbols == name] = code

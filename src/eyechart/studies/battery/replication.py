@@ -93,7 +93,7 @@ class _Pair:
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
-        return (*self.first.space.actions, UNPARSED)
+        return (*dict.fromkeys((*self.first.names, *self.second.names)), UNPARSED)
 
     @cached_property
     def _row(self) -> Mapping[str, int]:
