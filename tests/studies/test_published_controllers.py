@@ -76,7 +76,7 @@ def test_a_published_controller_is_asked_read_and_judged(name: str, bank: FrameB
     found = score(out, resamples=50)
     answers = found.models["openai:m"].answers
     assert answers.actions("real").tolist() == [one.action(code_of(bank.images(frame)["main"])) for frame in bank]
-    assert all(one is not None and one.action for column in answers.decisions.values() for one in column)
+    assert all(one is None or one.action for column in answers.decisions.values() for one in column)
     (verdict,) = judge(found).values()
     assert verdict.calibrated.label not in {"not_scorable", "depth"}
     manifest, _ = read_run(out)
