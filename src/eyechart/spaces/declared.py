@@ -101,6 +101,19 @@ class AnswerSpace(Discrete):
         """Return the space of one frame whose words state these fields."""
         return _given(self, tuple(str(told.get(name, "")) for name in self.columns)) if self.columns else self
 
+    def turn(self, symbol: str) -> str:
+        """Return an action's fields that a reflection exchanges; another text as it is."""
+        return _turns(self)[0].get(symbol, symbol)
+
+    def opposite(self, turn: str) -> str:
+        """Return the turn that the reflected world calls for."""
+        return _turns(self)[1].get(turn, turn)
+
+    @property
+    def turns(self) -> tuple[str, ...]:
+        """Return the parts of the actions that a reflection exchanges, without the other fields."""
+        return tuple(one for one, other in _turns(self)[1].items() if one != other)
+
     def schema(self) -> dict[str, object]:
         """Return the JSON schema of an answer, with each field at its key or else under its name."""
         result: dict[str, object] = {}
@@ -181,6 +194,21 @@ def _at(names: Mapping[str, str], name: str) -> int:
 def _levels(space: AnswerSpace) -> dict[str, float]:
     parts = product(*(field.values for field in space.fields))
     return {_symbol(space.fields, part): _level(space.fields, part) for part in parts}
+
+
+@lru_cache(maxsize=64)
+def _turns(space: AnswerSpace) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the turn of each action, and the opposite of each turn."""
+    places = [at for at, field in enumerate(space.fields) if field.mirror_pairs]
+    turning = [space.fields[at] for at in places]
+    if not turning:
+        return {}, {}
+    found, opposite = dict[str, str](), dict[str, str]()
+    for part in product(*(field.values for field in space.fields)) if space.actions else ():
+        own = [part[at] for at in places]
+        turn = found[_symbol(space.fields, part)] = _symbol(turning, own)
+        opposite[turn] = _symbol(turning, _reflected(turning, own))
+    return found, opposite
 
 
 def _level(fields: Sequence[AnswerField], part: Sequence[str]) -> float:

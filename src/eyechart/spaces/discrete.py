@@ -115,6 +115,15 @@ class Discrete(SpaceDefaults):
         del own
         return self
 
+    def opposite(self, turn: str) -> str:
+        """Return the turn that the reflected world calls for."""
+        return self.reflect(turn)
+
+    @property
+    def turns(self) -> tuple[str, ...]:
+        """Return the parts of the actions that a reflection exchanges: here whole actions."""
+        return self.directional
+
     @property
     def directional(self) -> tuple[str, ...]:
         """Return the actions that a reflection exchanges."""

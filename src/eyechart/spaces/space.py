@@ -98,6 +98,10 @@ class SpaceDefaults(Protocol):
         del reader
         return self
 
+    def turn(self, symbol: str) -> str:
+        """Return the part of a named answer that a reflection may exchange."""
+        return symbol
+
     @property
     def columns(self) -> tuple[str, ...]:
         """Return the prompt columns with the names that a frame allows."""

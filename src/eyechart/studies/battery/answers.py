@@ -146,13 +146,24 @@ class Answers:
         return self.space.actions or tuple(sorted({self.space.symbol(action) for action in self._coded[0]}))
 
     @cached_property
-    def partners(self) -> dict[str, str]:
+    def reflections(self) -> dict[str, str]:
         """Return the actions that a reflection exchanges, each with its partner."""
         return {name: str(other) for name in self.space.actions if (other := self.space.reflect(name)) != name}
 
+    @cached_property
+    def partners(self) -> dict[str, str]:
+        """Return the directions of `turns`, each with its partner."""
+        return {self.space.turn(one): self.space.turn(other) for one, other in self.reflections.items()}
+
+    def turns(self, condition: str, level: str = "decision") -> Symbols:
+        """Return a condition's symbols as directions: their part that a reflection exchanges."""
+        symbols = self.symbols(condition, level)
+        named, places = np.unique(symbols, return_inverse=True)
+        return np.array([self.space.turn(str(one)) for one in named], dtype=np.str_)[places]
+
     def directions(self) -> dict[str, int]:
         """Return how often each direction was the answer to real and to mirrored pictures."""
-        given = Counter([*self.actions("real"), *self.actions("mirrored")])
+        given = Counter([*self.turns("real"), *self.turns("mirrored")])
         return {name: given[name] for name in self.partners}
 
     def counts(self) -> dict[str, Counter[str]]:

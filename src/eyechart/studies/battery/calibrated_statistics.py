@@ -120,7 +120,7 @@ class CalibratedTests:
         return self._kappa_over(SAME, MARGIN)
 
     def _kappa_over(self, names: tuple[str, ...], margin: float) -> Statistic:
-        partners = self.answers.partners
+        partners = self.answers.reflections
         codes = np.full((len(self.answers.frames), len(names)), -1, dtype=np.int64)
         for place, name in enumerate(names):
             given = self.answers.actions(name)

@@ -153,7 +153,7 @@ class StoppingState:
 
     def __post_init__(self) -> None:
         conditions = self.layout.shown
-        directional = self.layout.space.directional
+        directional = self.layout.space.turns
         self._turns_asked = bool(directional) and "mirrored" in conditions
         self.claims = claims(len(self.layout.order), self.layout.space, conditions, mirrored=self._turns_asked)
         self.turns = dict.fromkeys(directional, 0)
@@ -272,8 +272,9 @@ class StoppingState:
                 claim.add(row)
         for condition in ("real", "mirrored"):
             action = row.action(condition)
-            if action in self.turns:
-                self.turns[action] += 1
+            turn = None if action is None else self.layout.space.turn(action)
+            if turn in self.turns:
+                self.turns[turn] += 1
         self.frames += 1
         self._judge()
 

@@ -287,7 +287,7 @@ def mirror(who: Subject, place: int) -> list[Drawing]:
     if not len(real) or not answers.partners:
         return []
     names = ("real frame", "mirrored frame")
-    expected = {(action, answers.partners.get(action, action)) for action in answers.names}
+    expected = {(action, answers.reflections.get(action, action)) for action in answers.names}
     title = f"Under reflection, {who.label}"
     note = "framed: the action that the reflected world calls for"
     return [

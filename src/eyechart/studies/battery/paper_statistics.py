@@ -195,7 +195,7 @@ class PaperStatistics:
             return not_available("no action of this space exchanges under reflection")
         if all(frame.mirror_axis == "none" for frame in self.answers.frames):
             return not_available("no frame of the bank has a mirror axis")
-        real, mirrored = self.answers.actions("real"), self.answers.responses("mirrored")
+        real, mirrored = self.answers.turns("real"), self.answers.turns("mirrored", "response")
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
             return not_available("no frame has an answer both to its real and to its mirrored picture")
