@@ -7,7 +7,7 @@ import pytest
 
 from eyechart.errors import SpecError
 from eyechart.spaces.fields import AnswerField, candidates_of, read_answer_fields, read_fields
-from eyechart.spaces.patterns import LinearPattern
+from eyechart.spaces.linear_pattern import LinearPattern
 
 IDS = AnswerField("action", key="action", values=("0", "1", "2", "3", "4"))
 HASHED = AnswerField("action", pattern=r"Response to user:\s*#+ *(-?\d+)", values=IDS.values)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from aiohttp import web
 from typer.testing import CliRunner
@@ -53,10 +54,13 @@ def code_of(picture: bytes | None) -> int:
     return 0 if picture is None else int(decode(picture, "it").astype(int).sum()) // 7
 
 
-def ask(server: FaultServer, bank: FrameBank, prompt: Path, out: Path, conditions: str = CONDITIONS) -> None:
+def ask(
+    server: FaultServer, bank: FrameBank, prompt: Path, out: Path, conditions: str = CONDITIONS, *more: str
+) -> None:
     """Run a battery with this prompt file."""
     words = ["run", "battery", "--frames", str(bank.root), "--out", str(out), "--no-probe", "--controls", "none"]
     words += ["--model", "openai:m", "--base-url", server.base_url, "--prompt", str(prompt), "--conditions", conditions]
+    words += more
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
 
@@ -81,3 +85,90 @@ def test_a_published_controller_is_asked_read_and_judged(name: str, bank: FrameB
     assert verdict.calibrated.label not in {"not_scorable", "depth"}
     manifest, _ = read_run(out)
     assert Prompt.from_dict(json.loads(json.dumps(manifest.prompt.as_dict()))) == manifest.prompt == read_prompt(file)
+
+
+NUMBERS = """
+user = "Reply with steer in degrees and speed in m/s as JSON."
+[[answer.fields]]
+name = "steer"
+kind = "number"
+key = "steer"
+values = ["< -5", "-5..5", "> 5"]
+mirror_pairs = [["< -5", "> 5"]]
+[[answer.fields]]
+name = "speed"
+kind = "number"
+key = "speed"
+unit = "m/s"
+values = ["< 4", "< 10", ">= 10"]
+brake = ["< 4", "< 10"]
+proceed = [">= 10"]
+"""
+
+
+def drives(picture: bytes | None) -> str:
+    """Return a steering angle towards the middle lane, and a speed by the gap."""
+    if picture is None:
+        return '{"steer": 0.25, "speed": "12 m/s"}'
+    pixels = decode(picture, "it").astype(int)
+    own, lead = pixels[:, :, 1] > 150, pixels[:, :, 0] > 150
+    row = float(np.flatnonzero(own.any(axis=1)).mean()) if own.any() else 7.5
+    gap = float(np.flatnonzero(lead.any(axis=0))[0]) - 10 if lead.any() else 40.0
+    return json.dumps({"steer": round(3 * (row - 7.5), 2), "speed": round(gap / 2, 2)})
+
+
+def test_numbers_that_follow_the_picture_and_numbers_that_do_not_get_opposite_verdicts(tmp_path: Path) -> None:
+    """Each field is an axis: the speed brakes by its ranges, and the steering exchanges under reflection."""
+    bank, file, labels = bank_of(tmp_path / "bank", 4, 8), tmp_path / "numbers.toml", {}
+    file.write_text(NUMBERS, encoding="utf-8")
+    for name, reply in (("looks", drives), ("blind", lambda _: drives(None))):
+        with server_of(reply) as server:
+            ask(server, bank, file, tmp_path / name, f"{CONDITIONS},noise,recoloured,cross_scenario")
+        found = score(tmp_path / name, resamples=50)
+        (verdict,) = judge(found).values()
+        labels[name] = verdict.calibrated.label
+        swaps = found.models["openai:m"].statistics["mirror_swap_rate"]
+        assert (swaps.value, name) in {(1.0, "looks"), (None, "blind")}
+    assert labels == {"looks": "depth_associated", "blind": "image_invariant"}
+
+
+def test_an_answer_outside_the_frames_own_names_is_no_answer(bank: FrameBank, tmp_path: Path) -> None:
+    """Under another frame's words the names are that frame's; the schema asks for the same."""
+    out = tmp_path / "arrows"
+    frames = [replace(frame, fields={"arrows": "1, 2" if at % 2 else "7"}) for at, frame in enumerate(bank)]
+    with BankWriter(out, replace(banks.manifest(), prompt_columns=("arrows",))) as writer:
+        for code, frame in enumerate(frames):
+            writer.add(frame, *banks.pictures_of(frame, code))
+    file = tmp_path / "arrow.toml"
+    file.write_text(PUBLISHED["VLMnav"].prompt, encoding="utf-8")
+    with server_of(lambda _: '{"action": 7}') as server:
+        ask(
+            server,
+            open_bank(out),
+            file,
+            tmp_path / "run",
+            "real,real_repeat,text_swapped",
+            "--json-mode",
+            "json_schema",
+        )
+    answers = score(tmp_path / "run", resamples=50).models["openai:m"].answers
+    assert answers.actions("real").tolist() == ["7", ""] * 4
+    assert answers.actions("text_swapped").tolist() == ["", "7"] * 4
+    assert answers.space.actions == ("7", "1", "2")
+    assert answers.counts()["real"] == {"decision": 4, "unparsed: other_value": 4}
+    allowed = {json.dumps(one["response_format"]["json_schema"]["schema"]["properties"]) for one in server.asked}
+    assert allowed == {json.dumps({"action": {"type": "string", "enum": names}}) for names in (["7"], ["1", "2"])}
+
+
+def test_a_run_of_declared_answers_is_packed_and_validated(bank: FrameBank, tmp_path: Path) -> None:
+    """A page of a space whose answers are not known beforehand is drawn again, byte for byte."""
+    one, file = PUBLISHED["LightEMMA"], tmp_path / "controller.toml"
+    file.write_text(one.prompt, encoding="utf-8")
+    with server_of(lambda picture: one.reply(code_of(picture))) as server:
+        ask(server, bank, file, tmp_path / "run", "real,real_repeat,blank,mirrored")
+    for words in (
+        ["bundle", str(tmp_path / "run"), "--out", str(tmp_path / "b.zip")],
+        ["validate", str(tmp_path / "b.zip")],
+    ):
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0, done.output

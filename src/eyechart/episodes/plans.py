@@ -53,6 +53,7 @@ from eyechart.policies import Policy, is_policy, open_policy
 from eyechart.policies.baselines import Marginal, drawn_like
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
+from eyechart.spaces.declared import AnswerSpace
 from eyechart.spaces.discrete import DRIVING, read_toml
 
 if TYPE_CHECKING:  # a score probes no model
@@ -323,6 +324,13 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
     prompt = find_prompt(name or "baseline", world.mirror_axis)
     if prompt.fields:
         raise SpecError(f"prompt '{name}' needs {', '.join(prompt.fields)} of a frame, but a drive has no such columns")
+    answers = prompt.asks(world.action_space)
+    known = world.action_space.actions
+    if isinstance(answers, AnswerSpace) and not (answers.actions and {*answers.actions} <= {*known}):
+        raise SpecError(
+            f"the answers of prompt '{name}' are not the actions of this world; it executes {', '.join(known)}: "
+            "declare one answer field of kind name without values"
+        )
     said = " ".join(prompt.render({}, world.action_space.actions)).upper()
     if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:
         raise SpecError(f"prompt '{name}' does not name {', '.join(unsaid)}; give one that does with --prompt")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 
-from eyechart.errors import SpecError, counted
+from eyechart.errors import SpecError, counted, raising
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.fields import AnswerField, Value, candidates_of, read_answer_fields, read_fields
 from eyechart.spaces.reader import READERS
@@ -168,7 +168,8 @@ def answer_from(values: object, where: str, name: str, own: Discrete | None = No
         fields = (_with_values(fields[0], own),)
     elif len(fields) > 1 and (bare := [one.name for one in fields if _is_bare(one)]):
         raise SpecError(f"{where}: answer field '{bare[0]}' needs values, because there are several fields")
-    return AnswerSpace.of(name, fields)
+    with raising(SpecError, where, of=SpecError):
+        return AnswerSpace.of(name, fields)
 
 
 def _is_bare(field: AnswerField) -> bool:
@@ -203,11 +204,11 @@ def _turns(space: AnswerSpace) -> tuple[dict[str, str], dict[str, str]]:
     turning = [space.fields[at] for at in places]
     if not turning:
         return {}, {}
-    found, opposite = dict[str, str](), dict[str, str]()
+    found, opposite, alone = dict[str, str](), dict[str, str](), len(space.fields) == 1
     for part in product(*(field.values for field in space.fields)) if space.actions else ():
         own = [part[at] for at in places]
-        turn = found[_symbol(space.fields, part)] = _symbol(turning, own)
-        opposite[turn] = _symbol(turning, _reflected(turning, own))
+        turn = found[_symbol(space.fields, part)] = _symbol(turning, own, alone=alone)
+        opposite[turn] = _symbol(turning, _reflected(turning, own), alone=alone)
     return found, opposite
 
 
@@ -237,9 +238,9 @@ def _reflected(fields: Sequence[AnswerField], part: Sequence[str]) -> tuple[str,
     return tuple(result)
 
 
-def _symbol(fields: Sequence[AnswerField], values: Sequence[Value]) -> str:
+def _symbol(fields: Sequence[AnswerField], values: Sequence[Value], *, alone: bool = True) -> str:
     """Return an answer in words: a single name as it is, else ``field=value`` with blanks between."""
-    if len(fields) == 1 and fields[0].kind == "name":
+    if alone and len(fields) == 1 and fields[0].kind == "name":
         return str(values[0])
     return " ".join(_worded(field, value) for field, value in zip(fields, values, strict=True))
 

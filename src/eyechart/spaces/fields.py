@@ -15,7 +15,7 @@ from typing import Literal, cast
 from eyechart.errors import SpecError, raising
 from eyechart.records import LARGEST, Name, build, parse_json, to_json_fields
 from eyechart.spaces.failures import says_failed, says_no_picture
-from eyechart.spaces.patterns import LinearPattern, TooLongText
+from eyechart.spaces.linear_pattern import LinearPattern, TooLongText
 from eyechart.spaces.reader import READER, ActionNames, read_by, spelled
 from eyechart.spaces.space import READ_AT_MOST, UNPARSED, json_objects, too_deep
 
@@ -248,7 +248,7 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
     values: list[Value] = []
     for one in fields:
         found = _field_in(text, one, objects, rest)
-        if isinstance(found, _Nothing):
+        if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
         values.append(found)
     told = [one for pairs in objects for one in _plain_pairs(pairs)]
@@ -259,17 +259,17 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
 
 
 @dataclass(frozen=True, slots=True)
-class _Nothing:
+class _NoFieldValue:
     """Why a text holds no value."""
 
     why: str
 
 
-class _Pairs(list[tuple[str, object]]):
+class _JsonPairs(list[tuple[str, object]]):
     """A JSON object as its names and values, in which a name may stand twice."""
 
 
-def _field_in(text: str, field: AnswerField, objects: Sequence[_Pairs], rest: str) -> Value | _Nothing:
+def _field_in(text: str, field: AnswerField, objects: Sequence[_JsonPairs], rest: str) -> Value | _NoFieldValue:
     """Return a field's value in a text: by its key, its pattern, or the words."""
     if field.key is not None:
         found = _by_key(field, objects, rest)
@@ -277,34 +277,36 @@ def _field_in(text: str, field: AnswerField, objects: Sequence[_Pairs], rest: st
         found = _by_pattern(field, text)
     elif field.kind == "name" and field.values:
         decision = read_by(READER, text.replace("’", "'"), field.names)
-        return _Nothing(decision.why or decision.missing or "") if decision.action is None else str(decision.action)
+        return (
+            _NoFieldValue(decision.why or decision.missing or "") if decision.action is None else str(decision.action)
+        )
     else:
         fenced = _FENCE.fullmatch(text)
         found = [_value(field, text if fenced is None else fenced[1])]
     return _only(found)
 
 
-def _only(found: Sequence[Value | _Nothing]) -> Value | _Nothing:
+def _only(found: Sequence[Value | _NoFieldValue]) -> Value | _NoFieldValue:
     """Return the one value that is found, even if more than once."""
     if not found:
-        return _Nothing("no_answer")
+        return _NoFieldValue("no_answer")
     if len(set(found)) > 1:
-        return _Nothing("several_values")
+        return _NoFieldValue("several_values")
     return found[0]
 
 
 # By a key.
 
 
-def _by_key(field: AnswerField, objects: Sequence[_Pairs], rest: str) -> list[Value | _Nothing]:
+def _by_key(field: AnswerField, objects: Sequence[_JsonPairs], rest: str) -> list[Value | _NoFieldValue]:
     assert field.key is not None
     path = field.key.split(".")
     leaf = re.escape(path[-1])
     if re.search(rf"[\"'`]{leaf}[\"'`]\s*[:=]", rest):
-        return [_Nothing("malformed")]  # the broken object may correct the whole one
+        return [_NoFieldValue("malformed")]  # the broken object may correct the whole one
     found = [_value(field, one) for pairs in objects for one in _at(pairs, path)]
     if found and re.search(rf"(?<![\w.]){leaf}\s*[:=]", rest, re.IGNORECASE):
-        return [_Nothing("several_values")]
+        return [_NoFieldValue("several_values")]
     return found
 
 
@@ -312,15 +314,15 @@ def _at(value: object, path: Sequence[str]) -> Iterator[object]:
     """Yield every value at a path of names."""
     if not path:
         yield value
-    elif isinstance(value, _Pairs):
+    elif isinstance(value, _JsonPairs):
         for name, inner in value:
             if name == path[0]:
                 yield from _at(inner, path[1:])
 
 
-def _objects(text: str) -> tuple[tuple[_Pairs, ...], str]:
+def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
     """Return the outermost objects of a text, JSON or Python, and the text around them."""
-    found = list(json_objects(text, _Pairs))
+    found = list(json_objects(text, _JsonPairs))
     found += _python_objects(text, [(start, end) for start, end, _ in found])
     found.sort(key=lambda one: one[0])
     rest, end = [], 0
@@ -334,9 +336,9 @@ _PYTHON = re.compile(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)
 """A Python dictionary without another inside."""
 
 
-def _python_objects(text: str, json_spans: Sequence[tuple[int, int]]) -> list[tuple[int, int, _Pairs]]:
+def _python_objects(text: str, json_spans: Sequence[tuple[int, int]]) -> list[tuple[int, int, _JsonPairs]]:
     """Return the dictionaries in Python's form outside the JSON objects."""
-    result: list[tuple[int, int, _Pairs]] = []
+    result: list[tuple[int, int, _JsonPairs]] = []
     ends = [0, *(end for _, end in json_spans)]
     starts = [*(start for start, _ in json_spans), len(text)]
     for begin, behind in zip(ends, starts, strict=True):
@@ -350,7 +352,7 @@ def _python_objects(text: str, json_spans: Sequence[tuple[int, int]]) -> list[tu
     return result
 
 
-def _python_pairs(text: str) -> _Pairs | None:
+def _python_pairs(text: str) -> _JsonPairs | None:
     if too_deep(text):
         return None
     try:
@@ -358,7 +360,7 @@ def _python_pairs(text: str) -> _Pairs | None:
         value = _plain_node(made)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
-    return value if isinstance(value, _Pairs) else None
+    return value if isinstance(value, _JsonPairs) else None
 
 
 def _plain_node(node: ast.expr) -> object:
@@ -367,7 +369,7 @@ def _plain_node(node: ast.expr) -> object:
         names = [None if key is None else _plain_node(key) for key in node.keys]
         if not all(isinstance(name, str) for name in names):
             raise ValueError("a name is no text")
-        return _Pairs((str(name), _plain_node(value)) for name, value in zip(names, node.values, strict=True))
+        return _JsonPairs((str(name), _plain_node(value)) for name, value in zip(names, node.values, strict=True))
     if isinstance(node, ast.List | ast.Tuple):
         return [_plain_node(one) for one in node.elts]
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
@@ -379,58 +381,58 @@ def _plain_node(node: ast.expr) -> object:
     raise ValueError("no plain value")
 
 
-def _plain_pairs(pairs: _Pairs) -> Iterator[tuple[str, object]]:
+def _plain_pairs(pairs: _JsonPairs) -> Iterator[tuple[str, object]]:
     """Yield names and values with inner objects as lists of names and values."""
-    yield from ((name, list(value) if isinstance(value, _Pairs) else value) for name, value in pairs)
+    yield from ((name, list(value) if isinstance(value, _JsonPairs) else value) for name, value in pairs)
 
 
 # By a pattern.
 
 
-def _by_pattern(field: AnswerField, text: str) -> list[Value | _Nothing]:
+def _by_pattern(field: AnswerField, text: str) -> list[Value | _NoFieldValue]:
     assert field.pattern is not None
     try:
         found = list(LinearPattern(field.pattern, field.name).search(text))
     except TooLongText:
-        return [_Nothing("too_long")]
+        return [_NoFieldValue("too_long")]
     return [_cut(field, text, one.start, one.end) or _value(field, one.text) for one in found]
 
 
-def _cut(field: AnswerField, text: str, start: int, end: int) -> _Nothing | None:
+def _cut(field: AnswerField, text: str, start: int, end: int) -> _NoFieldValue | None:
     """Return why a span of a text is a part of something longer, None if it is whole."""
     inner, before, behind = text[start:end], text[:start].translate(_MINUS), text[end:].translate(_MINUS)
     if not inner.strip():
         return None
     first, last = inner[0], inner[-1]
     if re.match(r"[\w]", first) and re.search(r"\w\Z|\w-\Z", before[-2:]):
-        return _Nothing("part_of_a_word")
+        return _NoFieldValue("part_of_a_word")
     if re.match(r"[\d.]", first) and re.search(r"[+-]\s?\Z|\d[.,]\Z|\.\Z(?<=\W\.)", before[-3:]):
-        return _Nothing("part_of_a_word")
+        return _NoFieldValue("part_of_a_word")
     if re.match(r"\w", last) and re.match(r"\w|-[^\W\d]", behind):
         unit = _UNITS.match(behind) if last.isdigit() else None
         if unit is None:
-            return _Nothing("part_of_a_word")
+            return _NoFieldValue("part_of_a_word")
     if last.isdigit() and re.match(r"[.,]\d|\s?[/×x*^]\s?\d|[eE][+-]?\d", behind):
-        return _Nothing("part_of_a_word")
+        return _NoFieldValue("part_of_a_word")
     unit = _UNITS.match(behind) if last.isdigit() else None
-    return _Nothing("other_unit") if unit is not None and unit[1] != field.unit else None
+    return _NoFieldValue("other_unit") if unit is not None and unit[1] != field.unit else None
 
 
 # The kinds.
 
 
-def _value(field: AnswerField, given: object) -> Value | _Nothing:
+def _value(field: AnswerField, given: object) -> Value | _NoFieldValue:
     """Return a text or a JSON value as a field's value."""
     if field.kind == "vector":
         return _vector(field, given)
     if isinstance(given, bool) or given is None or isinstance(given, list):
-        return _Nothing("wrong_type")
+        return _NoFieldValue("wrong_type")
     if field.kind == "number":
         return _number(field, given)
     return _name(field, given)
 
 
-def _name(field: AnswerField, given: object) -> str | _Nothing:
+def _name(field: AnswerField, given: object) -> str | _NoFieldValue:
     if isinstance(given, float) and given.is_integer():
         given = int(given)
     text = str(given).strip(_AROUND)
@@ -438,50 +440,50 @@ def _name(field: AnswerField, given: object) -> str | _Nothing:
         if isinstance(given, int | float):
             text = f"{given:+}".removeprefix("+")
         found = field.names.whole(text.removesuffix("."))
-        return _Nothing("other_value") if found is None else found
+        return _NoFieldValue("other_value") if found is None else found
     if not text or len(text) > _LONGEST_NAME or "\n" in text or text.upper() == UNPARSED:
-        return _Nothing("other_value")
+        return _NoFieldValue("other_value")
     return text
 
 
-def _number(field: AnswerField, given: object) -> float | _Nothing:
+def _number(field: AnswerField, given: object) -> float | _NoFieldValue:
     number = _in_digits(field, given) if isinstance(given, str) else given
-    if isinstance(number, _Nothing):
+    if isinstance(number, _NoFieldValue):
         return number
     if not isinstance(number, int | float):
-        return _Nothing("wrong_type")
+        return _NoFieldValue("wrong_type")
     if not abs(number) <= LARGEST:
-        return _Nothing("not_finite")
+        return _NoFieldValue("not_finite")
     outside = field.values and field.range_of(float(number)) is None
-    return _Nothing("other_value") if outside else float(number)
+    return _NoFieldValue("other_value") if outside else float(number)
 
 
-def _in_digits(field: AnswerField, given: str) -> float | _Nothing:
+def _in_digits(field: AnswerField, given: str) -> float | _NoFieldValue:
     """Return the number that a text is, with its unit or without."""
     text = given.strip(_AROUND).translate(_MINUS)
     if _NOT_FINITE.fullmatch(text):
-        return _Nothing("not_finite")
+        return _NoFieldValue("not_finite")
     found = _WITH_UNIT.fullmatch(text)
     if found is None or re.match(r"[\d.,]", found[2]):
-        return _Nothing("not_a_number")
+        return _NoFieldValue("not_a_number")
     if found[2].removesuffix(".") not in {"", field.unit}:
-        return _Nothing("other_unit" if _UNITS.match(found[2]) else "not_a_number")
+        return _NoFieldValue("other_unit" if _UNITS.match(found[2]) else "not_a_number")
     return float(found[1])
 
 
-def _vector(field: AnswerField, given: object) -> tuple[float, ...] | _Nothing:
+def _vector(field: AnswerField, given: object) -> tuple[float, ...] | _NoFieldValue:
     listed = _listed(given) if isinstance(given, str) else given
-    if not isinstance(listed, list) or isinstance(listed, _Pairs):
-        return _Nothing("not_a_vector")
+    if not isinstance(listed, list) or isinstance(listed, _JsonPairs):
+        return _NoFieldValue("not_a_vector")
     rows = [one if isinstance(one, list) else [one] for one in listed]
     if len({(len(row), row is one) for row, one in zip(rows, listed, strict=True)}) > 1:
-        return _Nothing("not_a_vector")
+        return _NoFieldValue("not_a_vector")
     numbers = [number for row in rows for number in row]
     if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
-        return _Nothing("not_a_vector")
+        return _NoFieldValue("not_a_vector")
     if len(numbers) != field.size:
-        return _Nothing("wrong_size")
-    return tuple(map(float, numbers)) if all(abs(one) <= LARGEST for one in numbers) else _Nothing("not_finite")
+        return _NoFieldValue("wrong_size")
+    return tuple(map(float, numbers)) if all(abs(one) <= LARGEST for one in numbers) else _NoFieldValue("not_finite")
 
 
 def _listed(given: str) -> object:
