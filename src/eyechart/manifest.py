@@ -23,7 +23,6 @@ from eyechart.modes import RequestMode
 from eyechart.perception.view import NONE
 from eyechart.prompts import Prompt
 from eyechart.records import build, parse_json, shown
-from eyechart.spaces.declared import AnswerSpace
 from eyechart.spaces.discrete import Discrete, named_actions
 from eyechart.spaces.motion import require_motions
 from eyechart.spaces.reader import READER
@@ -503,9 +502,7 @@ def asked_of(bank: FrameBank, prompt: Prompt, reader: int = READER) -> FrameBank
 
     ``reader`` is the version of the reader of replies.
     """
-    space = asked_space(bank.manifest, prompt, reader)
-    if isinstance(space, AnswerSpace):
-        space = space.among(frame.fields for frame in bank.frames)
+    space = asked_space(bank.manifest, prompt, reader).among(frame.fields for frame in bank.frames)
     return replace(bank, said=prompt.fields, manifest=replace(bank.manifest, action_space=space))
 
 

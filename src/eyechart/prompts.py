@@ -20,7 +20,7 @@ from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
 from eyechart.records import build, to_json_fields
 from eyechart.spaces.declared import AnswerSpace, answer_from
-from eyechart.spaces.discrete import DRIVING, Discrete, named_actions, read_toml, space_from
+from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
 from eyechart.spaces.fields import candidates_of
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.scene import HIGHWAY, SCENES
@@ -51,8 +51,7 @@ class Prompt:
 
     def asks(self, space: Discrete) -> AnySpace:
         """Return the space of its answers, given the actions of the bank or world."""
-        own = named_actions(self.space, space) if isinstance(self.space, Discrete) else self.space
-        return space if own is None else own.by(space.reader)
+        return space if self.space is None else self.space.on(space).by(space.reader)
 
     @property
     def readers(self) -> tuple[int, ...]:
@@ -99,8 +98,7 @@ class Prompt:
     def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
         """Return the query for a stimulus and an answer in ``space``; every Query is built here."""
         state = {name: ", ".join(f"{number:g}" for number in numbers) for name, numbers in seen.state.items()}
-        choices = space.choices if isinstance(space, Discrete) else () if space is None else space.actions
-        words = self.render({**seen.fields, **state}, choices)
+        words = self.render({**seen.fields, **state}, () if space is None else space.choices)
         return Query(*words, seen, seed, ANY_ACTION if space is None else space.schema())
 
     def as_dict(self) -> dict[str, object]:
@@ -324,8 +322,7 @@ def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is ground truth; {allowed}")
         if name not in declared:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is not a prompt column; {allowed}")
-    if isinstance(space, AnswerSpace):
-        _require_columns(prompt, space, bank)
+    _require_columns(prompt, space.columns, bank)
     said = " ".join(prompt.render({**bank.frames[0].state, **bank.frames[0].fields}, space.choices)).upper()
     unsaid = [action for action in space.choices if action.upper() not in said]
     ours = (*PROMPTS.values(), *FORWARD_PROMPTS.values())
@@ -336,13 +333,13 @@ def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
         )
 
 
-def _require_columns(prompt: Prompt, space: AnswerSpace, bank: FrameBank) -> None:
+def _require_columns(prompt: Prompt, columns: Sequence[str], bank: FrameBank) -> None:
     """Raise SpecError if a column for the allowed names is lacking, or names none for a frame."""
-    for column in space.columns:
+    for column in columns:
         if column not in bank.manifest.prompt_columns:
             raise SpecError(
                 f"the answer of prompt '{prompt.name}' takes its names from '{column}', which is not a prompt column; "
-                f"this bank has: {', '.join(bank.manifest.prompt_columns) or 'none'}; import it with --say {column}"
+                f"this bank has: {', '.join(bank.manifest.prompt_columns) or 'none'}; import it with --prompt-columns {column}"
             )
         empty = next((frame.id for frame in bank.frames if not candidates_of(frame.fields[column])), None)
         if empty is not None:

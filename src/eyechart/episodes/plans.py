@@ -53,7 +53,6 @@ from eyechart.policies import Policy, is_policy, open_policy
 from eyechart.policies.baselines import Marginal, drawn_like
 from eyechart.prompts import Prompt, find_prompt, neutral
 from eyechart.simulators import Declaration, open_simulator
-from eyechart.spaces.declared import AnswerSpace
 from eyechart.spaces.discrete import DRIVING, read_toml
 
 if TYPE_CHECKING:  # a score probes no model
@@ -326,10 +325,10 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
         raise SpecError(f"prompt '{name}' needs {', '.join(prompt.fields)} of a frame, but a drive has no such columns")
     answers = prompt.asks(world.action_space)
     known = world.action_space.actions
-    if isinstance(answers, AnswerSpace) and not (answers.actions and {*answers.actions} <= {*known}):
+    if not answers.is_scene and not (answers.actions and {*answers.actions} <= {*known}):
         raise SpecError(
             f"the answers of prompt '{name}' are not the actions of this world; it executes {', '.join(known)}: "
-            "declare one answer field of kind name without values"
+            "give its answer one field of kind name without values"
         )
     said = " ".join(prompt.render({}, world.action_space.actions)).upper()
     if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:

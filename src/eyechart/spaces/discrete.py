@@ -6,7 +6,7 @@ The decision is read from a reply's verbatim text: strictly, reproducibly, and w
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -113,6 +113,11 @@ class Discrete(SpaceDefaults):
     def on(self, own: "Discrete") -> "Discrete":
         """Return the space of a prompt on a bank with its ``own`` actions."""
         del own
+        return self
+
+    def among(self, told: Iterable[Mapping[str, object]]) -> "Discrete":
+        """Return the space of frames with these fields in their words."""
+        del told
         return self
 
     def opposite(self, turn: str) -> str:

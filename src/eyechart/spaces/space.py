@@ -98,6 +98,16 @@ class SpaceDefaults(Protocol):
         del reader
         return self
 
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Return the names that a prompt must say."""
+        return ()
+
+    def on(self, own: Any) -> Any:  # noqa: ANN401 - a space of the same kind
+        """Return the space of a prompt on a bank with its ``own`` actions."""
+        del own
+        return self
+
     def turn(self, symbol: str) -> str:
         """Return the part of a named answer that a reflection may exchange."""
         return symbol
