@@ -339,7 +339,8 @@ def _require_columns(prompt: Prompt, columns: Sequence[str], bank: FrameBank) ->
         if column not in bank.manifest.prompt_columns:
             raise SpecError(
                 f"the answer of prompt '{prompt.name}' takes its names from '{column}', which is not a prompt column; "
-                f"this bank has: {', '.join(bank.manifest.prompt_columns) or 'none'}; import it with --prompt-columns {column}"
+                f"this bank has: {', '.join(bank.manifest.prompt_columns) or 'none'}; import it with "
+                f"--prompt-columns {column}"
             )
         empty = next((frame.id for frame in bank.frames if not candidates_of(frame.fields[column])), None)
         if empty is not None:

@@ -50,6 +50,17 @@ def test_several_fields_make_one_action_of_all_their_values() -> None:
     assert BOTH.brake[:3] == tuple(f"steer={way} pedal=full" for way in WAYS.values)
 
 
+def test_names_by_frame_and_a_speed_are_one_action() -> None:
+    """The actions of a bank are the union over its frames; a frame allows its own."""
+    fields = (AnswerField("arrow", key="arrow", from_column="arrows"), PEDAL)
+    bank = AnswerSpace.of("both", fields).among([{"arrows": "1, 2"}, {"arrows": "3"}])
+    assert len(bank.actions) == 9
+    assert bank.project("arrow=3 pedal=full", "brake") == 2.0
+    reply = said('{"arrow": 3, "pedal": "full"}')
+    assert bank.given({"arrows": "3"}).read(reply).action == "arrow=3 pedal=full"
+    assert bank.given({"arrows": "1, 2"}).read(reply).reason == "unparsed: other_value"
+
+
 def test_an_answer_without_one_field_has_none() -> None:
     """It says why; a refusal, a cut-off and silence stay what they are."""
     assert BOTH.read(said('{"steer": "left"}')).reason == "unparsed: no_answer"

@@ -40,7 +40,7 @@ class AnswerSpace(Discrete):
         cls, name: str, fields: Sequence[AnswerField], candidates: tuple[tuple[str, tuple[str, ...]], ...] = ()
     ) -> "AnswerSpace":
         """Return the space of these fields; raises SpecError for too many combinations."""
-        values = [dict(candidates).get(one.name, ()) if one.from_column else one.values for one in fields]
+        values = _values(fields, candidates)
         count = 1
         for some in values:
             count *= len(some)
@@ -191,9 +191,16 @@ def _at(names: Mapping[str, str], name: str) -> int:
     return list(names).index(name)
 
 
+def _values(
+    fields: Sequence[AnswerField], candidates: tuple[tuple[str, tuple[str, ...]], ...]
+) -> list[tuple[str, ...]]:
+    """Return the values of each field, those of a column among its candidates."""
+    return [dict(candidates).get(one.name, ()) if one.from_column else one.values for one in fields]
+
+
 @lru_cache(maxsize=64)
 def _levels(space: AnswerSpace) -> dict[str, float]:
-    parts = product(*(field.values for field in space.fields))
+    parts = product(*_values(space.fields, space.candidates)) if space.actions else ()
     return {_symbol(space.fields, part): _level(space.fields, part) for part in parts}
 
 
@@ -205,7 +212,7 @@ def _turns(space: AnswerSpace) -> tuple[dict[str, str], dict[str, str]]:
     if not turning:
         return {}, {}
     found, opposite, alone = dict[str, str](), dict[str, str](), len(space.fields) == 1
-    for part in product(*(field.values for field in space.fields)) if space.actions else ():
+    for part in product(*_values(space.fields, space.candidates)) if space.actions else ():
         own = [part[at] for at in places]
         turn = found[_symbol(space.fields, part)] = _symbol(turning, own, alone=alone)
         opposite[turn] = _symbol(turning, _reflected(turning, own), alone=alone)
