@@ -106,7 +106,7 @@ class AnswerField:
         return f"answer field '{self.name}'"
 
     @property
-    def _named(self) -> tuple[tuple[str, str], ...]:
+    def aliased(self) -> tuple[tuple[str, str], ...]:
         """Return the aliases with their values."""
         return cast("tuple[tuple[str, str], ...]", self.aliases)
 
@@ -135,7 +135,7 @@ class AnswerField:
         if self.from_column and (self.values or self.aliases):
             raise SpecError(f"{self._said}: its names come from values or from_column, not both")
         known: set[str] = set()
-        written = (*self.values, *(alias for alias, _ in self._named))
+        written = (*self.values, *(alias for alias, _ in self.aliased))
         for one in written:
             plain = spelled(one)
             if not re.fullmatch(r"[+-]?[^\W_](.*[^\W_])?[°%]?", one) or one.upper() == UNPARSED or "=" in one:
@@ -149,7 +149,7 @@ class AnswerField:
 
     def _require_roles(self) -> None:
         paired = [one for pair in self.mirror_pairs for one in pair]
-        meant = [one for _, one in self._named]
+        meant = [one for _, one in self.aliased]
         for role, names in (("mirror_pairs", paired), ("brake", self.brake), ("proceed", self.proceed)):
             if len(set(names)) != len(names):
                 raise SpecError(f"{self._said}: {role} names a value twice")
@@ -169,7 +169,7 @@ class AnswerField:
         sided = bool(self.mirror_pairs) and all(
             spelled(one).removeprefix("-") == spelled(other).removeprefix("-") for one, other in self.mirror_pairs
         )
-        return ActionNames((*((one, one) for one in self.values), *self._named), sided)
+        return ActionNames((*((one, one) for one in self.values), *self.aliased), sided)
 
     def range_of(self, value: float) -> str | None:
         """Return the first range that holds a number; None if none does."""
@@ -403,19 +403,38 @@ def _cut(field: AnswerField, text: str, start: int, end: int) -> _NoFieldValue |
     inner, before, behind = text[start:end], text[:start].translate(_MINUS), text[end:].translate(_MINUS)
     if not inner.strip():
         return None
-    first, last = inner[0], inner[-1]
-    if re.match(r"[\w]", first) and re.search(r"\w\Z|\w-\Z", before[-2:]):
+    unit = _UNITS.match(behind) if inner[-1].isdigit() else None
+    if _is_inside(inner, before, behind, followed=unit is not None):
         return _NoFieldValue("part_of_a_word")
-    if re.match(r"[\d.]", first) and re.search(r"[+-]\s?\Z|\d[.,]\Z|\.\Z(?<=\W\.)", before[-3:]):
-        return _NoFieldValue("part_of_a_word")
-    if re.match(r"\w", last) and re.match(r"\w|-[^\W\d]", behind):
-        unit = _UNITS.match(behind) if last.isdigit() else None
-        if unit is None:
-            return _NoFieldValue("part_of_a_word")
-    if last.isdigit() and re.match(r"[.,]\d|\s?[/×x*^]\s?\d|[eE][+-]?\d", behind):
-        return _NoFieldValue("part_of_a_word")
-    unit = _UNITS.match(behind) if last.isdigit() else None
+    if _is_one_of_several(field, inner, behind if unit is None else behind[unit.end() :]):
+        return _NoFieldValue("several_values")
     return _NoFieldValue("other_unit") if unit is not None and unit[1] != field.unit else None
+
+
+def _is_inside(inner: str, before: str, behind: str, *, followed: bool) -> bool:
+    """Return whether a value is a part of a longer word or number; ``followed`` by a unit or not."""
+    if re.match(r"\w", inner) and re.search(r"\w\Z|\w-\Z", before[-2:]):
+        return True
+    if re.match(r"[\d.]", inner) and re.search(r"[+-]\s?\Z|\d[.,]\Z|\.\Z(?<=\W\.)", before[-3:]):
+        return True
+    if re.match(r"\w", inner[-1]) and re.match(r"\w|-[^\W\d]", behind) and not followed:
+        return True
+    return inner[-1].isdigit() and re.match(r"[.,]\d|\s?[/×x*^]\s?\d|[eE][+-]?\d", behind) is not None
+
+
+_OR = re.compile(r"\s*(?:to|until|through|or|and|,|/|\||\.{2,}|-)\s*(?:or\s+)?", re.IGNORECASE)
+
+
+def _is_one_of_several(field: AnswerField, inner: str, behind: str) -> bool:
+    """Return whether another value of the field follows, as in "0 to 15" or "Left, None or Right"."""
+    after = _OR.match(behind)
+    if after is None:
+        return False
+    if inner[-1].isdigit() and re.match(r"[+-]?\.?\d", behind[after.end() :]):
+        return True
+    rest = behind[after.end() : after.end() + _LONGEST_NAME].casefold()
+    names = [one.casefold() for one in (*field.values, *(alias for alias, _ in field.aliased))]
+    return field.kind == "name" and any(re.match(rf"{re.escape(one)}(?!\w)", rest) for one in names)
 
 
 # The kinds.
