@@ -7,10 +7,12 @@ import pytest
 
 import banks
 from eyechart.calls import Reply
+from eyechart.episodes.plans import _prompt_for
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus
 from eyechart.manifest import asked_of
 from eyechart.prompts import Prompt, read_prompt, require_sayable
+from eyechart.simulators import declared_by
 from eyechart.spaces.declared import AnswerSpace
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.fields import AnswerField
@@ -141,6 +143,20 @@ def test_a_wrong_answer_table_is_refused_with_its_file(text: str, fault: str, tm
     with pytest.raises(SpecError, match=r"own\.toml") as refused:
         prompt_of(tmp_path, f'user = "go"\n{text}')
     assert fault in str(refused.value)
+
+
+def test_a_drive_takes_only_answers_that_are_the_worlds_actions(tmp_path: Path) -> None:
+    """Where the answer stands is the prompt's; what a world executes is its own."""
+    world = declared_by("highway")
+    assert world is not None
+    prompt_of(
+        tmp_path, 'user = "{actions}? LEFT RIGHT STOP SLOW STRAIGHT"\n[answer]\nfields = [{name = "a", key = "cmd"}]\n'
+    )
+    prompt = _prompt_for(world, str(tmp_path / "own.toml"))
+    assert prompt.asks(world.action_space).read(said('{"cmd": "slow"}')).action == "SLOW"
+    prompt_of(tmp_path, 'user = "go"\n[answer]\nfields = [{name = "a", kind = "vector", size = 2}]\n')
+    with pytest.raises(SpecError, match="not the actions of this world; it executes STOP"):
+        _prompt_for(world, str(tmp_path / "own.toml"))
 
 
 def test_a_column_that_the_bank_lacks_is_refused_before_the_first_call(tmp_path: Path) -> None:
