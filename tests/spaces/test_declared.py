@@ -7,6 +7,7 @@ import pytest
 
 import banks
 from eyechart.calls import Reply
+from eyechart.conditions import BATTERY
 from eyechart.episodes.plans import _prompt_for
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus
@@ -16,6 +17,7 @@ from eyechart.simulators import declared_by
 from eyechart.spaces.declared import AnswerSpace
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.fields import AnswerField
+from eyechart.studies.battery.reach import unreachable_labels
 
 WAYS = AnswerField("steer", key="steer", values=("left", "none", "right"), mirror_pairs=(("left", "right"),))
 PEDAL = AnswerField("pedal", key="pedal", values=("full", "half", "gas"), brake=("full", "half"), proceed=("gas",))
@@ -83,6 +85,15 @@ def test_numbers_without_ranges_and_vectors_have_no_actions_beforehand() -> None
     assert space.project(found, "brake") is None
     assert space.reflect(found) == found
     assert space.role(found) == "other"
+
+
+def test_a_bank_says_which_labels_such_answers_can_reach(tmp_path: Path) -> None:
+    """Content is not excluded, and braking is."""
+    prompt = prompt_of(tmp_path, 'user = "go"\n[answer]\nfields = [{name = "v", kind = "vector", size = 2}]\n')
+    bank = asked_of(banks.build_bank(tmp_path / "bank", episodes=3, steps=4), prompt)
+    lacking = unreachable_labels(bank, bank.frames, BATTERY)
+    assert {"depth", "depth_lateral", "partial_depth"} <= {*lacking}
+    assert "content" not in lacking
 
 
 def test_the_schema_asks_for_the_same_fields_at_the_same_places() -> None:
