@@ -111,6 +111,14 @@ def test_the_schema_asks_for_the_same_fields_at_the_same_places() -> None:
     assert schema["properties"]["steer"]["enum"] == ["left", "none", "right"]  # type: ignore[index]
 
 
+def test_a_name_in_words_is_read_from_what_its_schema_asks_for() -> None:
+    """The letter of an option is read from JSON too."""
+    space = AnswerSpace.of("car", (AnswerField("letter", values=("A", "B", "C")),))
+    assert list(space.schema()["properties"]) == ["action"]  # type: ignore[call-overload]
+    assert space.read(said('{"action": "B"}')).action == space.read(said("Action: B")).action == "B"
+    assert space.read(said("A car is ahead.")).action is None
+
+
 def test_a_name_without_values_takes_the_actions_of_the_bank(tmp_path: Path) -> None:
     """So the prompt says where the answer stands, and the bank what it may be."""
     prompt = prompt_of(tmp_path, 'user = "{actions}?"\n[answer]\nfields = [{name = "a", key = "cmd"}]\n')

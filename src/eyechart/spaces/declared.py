@@ -115,13 +115,17 @@ class AnswerSpace(Discrete):
         return tuple(one for one, other in _turns(self)[1].items() if one != other)
 
     def schema(self) -> dict[str, object]:
-        """Return the JSON schema of an answer, with each field at its key or else under its name."""
+        """Return the JSON schema of an answer, with each field at its key or else under its name.
+
+        A name in words is asked for as ``action``, which the reader of words finds.
+        """
         result: dict[str, object] = {}
         allowed = dict(self.candidates)
         for field in self.fields:
             names = allowed.get(field.name, ())
             of = {**field.schema(), **({"enum": list(names)} if names else {})}
-            _place(result, (field.key or field.name).split("."), of)
+            in_words = field.kind == "name" and field.pattern is None
+            _place(result, (field.key or ("action" if in_words else field.name)).split("."), of)
         return result
 
     def read(self, reply: Answer) -> Decision[str]:
