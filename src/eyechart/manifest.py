@@ -502,7 +502,7 @@ def asked_of(bank: FrameBank, prompt: Prompt, reader: int = READER) -> FrameBank
 
     ``reader`` is the version of the reader of replies.
     """
-    space = asked_space(bank.manifest, prompt, reader)
+    space = asked_space(bank.manifest, prompt, reader).among(frame.fields for frame in bank.frames)
     return replace(bank, said=prompt.fields, manifest=replace(bank.manifest, action_space=space))
 
 

@@ -19,7 +19,9 @@ from eyechart.errors import SpecError, require_known
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.perception.view import View
 from eyechart.records import build, to_json_fields
+from eyechart.spaces.declared import AnswerSpace, answer_from
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
+from eyechart.spaces.fields import candidates_of
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.scene import HIGHWAY, SCENES
 from eyechart.spaces.space import AnySpace
@@ -49,7 +51,7 @@ class Prompt:
 
     def asks(self, space: Discrete) -> AnySpace:
         """Return the space of its answers, given the actions of the bank or world."""
-        return space if self.space is None else self.space.by(space.reader)
+        return space if self.space is None else self.space.on(space).by(space.reader)
 
     @property
     def readers(self) -> tuple[int, ...]:
@@ -96,7 +98,7 @@ class Prompt:
     def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
         """Return the query for a stimulus and an answer in ``space``; every Query is built here."""
         state = {name: ", ".join(f"{number:g}" for number in numbers) for name, numbers in seen.state.items()}
-        words = self.render({**seen.fields, **state}, () if space is None else space.actions)
+        words = self.render({**seen.fields, **state}, () if space is None else space.choices)
         return Query(*words, seen, seed, ANY_ACTION if space is None else space.schema())
 
     def as_dict(self) -> dict[str, object]:
@@ -114,6 +116,8 @@ class Prompt:
         space: AnySpace | None = SCENES if values.get("scene") is True else None
         if isinstance(own, dict):
             space = Discrete.from_dict(own)
+        elif values.get("answer") is not None:
+            space = AnswerSpace.from_dict(values["answer"])
         elif values.get("motion") is not None:
             space = build(MotionSpace, values["motion"], "motion")
         prompt = cls(
@@ -213,12 +217,12 @@ def find_prompt(name: str, axis: MirrorAxis = "vertical") -> Prompt:
 
 
 def read_prompt(path: Path) -> Prompt:
-    """Read a prompt from a TOML file with user and optional name, system and action_space.
+    """Read a prompt from a TOML file with user and optional name, system, action_space and answer.
 
     Raises SpecError naming the file and the fault.
     """
     values = read_toml(path)
-    known = ("name", "system", "user", "action_space")
+    known = ("name", "system", "user", "action_space", "answer")
     for key in values:
         if key not in known:
             raise SpecError(f"{path}: a prompt has no '{key}'; it has {', '.join(known)}")
@@ -232,6 +236,8 @@ def read_prompt(path: Path) -> Prompt:
     if space is not None and not isinstance(space, dict):
         raise SpecError(f"{path}: action_space must be a table: [action_space]")
     asked = None if space is None else space_from(space, str(path), name)
+    if "answer" in values:
+        asked = answer_from(values["answer"], str(path), name, asked)
     return Prompt(name, str(words["system"]), user, template=True, space=asked)
 
 
@@ -316,11 +322,26 @@ def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is ground truth; {allowed}")
         if name not in declared:
             raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is not a prompt column; {allowed}")
-    said = " ".join(prompt.render({**bank.frames[0].state, **bank.frames[0].fields}, space.actions)).upper()
-    unsaid = [action for action in space.actions if action.upper() not in said]
+    _require_columns(prompt, space.columns, bank)
+    said = " ".join(prompt.render({**bank.frames[0].state, **bank.frames[0].fields}, space.choices)).upper()
+    unsaid = [action for action in space.choices if action.upper() not in said]
     ours = (*PROMPTS.values(), *FORWARD_PROMPTS.values())
     if unsaid or (prompt in ours and set(space.actions) != set(DRIVING.actions)):
         raise SpecError(
-            f"prompt '{prompt.name}' does not ask for the actions {', '.join(space.actions)} of action space "
+            f"prompt '{prompt.name}' does not ask for the actions {', '.join(space.choices)} of action space "
             f"'{space.name}'; give one that does with --prompt FILE.toml"
         )
+
+
+def _require_columns(prompt: Prompt, columns: Sequence[str], bank: FrameBank) -> None:
+    """Raise SpecError if a column for the allowed names is lacking, or names none for a frame."""
+    for column in columns:
+        if column not in bank.manifest.prompt_columns:
+            raise SpecError(
+                f"the answer of prompt '{prompt.name}' takes its names from '{column}', which is not a prompt column; "
+                f"this bank has: {', '.join(bank.manifest.prompt_columns) or 'none'}; import it with "
+                f"--prompt-columns {column}"
+            )
+        empty = next((frame.id for frame in bank.frames if not candidates_of(frame.fields[column])), None)
+        if empty is not None:
+            raise SpecError(f"frame '{empty}' names no answer in its column '{column}'; give it one, or leave it out")

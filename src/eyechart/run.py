@@ -4,12 +4,12 @@ import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, TypedDict, Unpack
+from typing import Any, Protocol, TypedDict, Unpack
 
 from eyechart.attempts import Caller, budget_of, close, to_the_end
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.channels import reflected
-from eyechart.conditions import SAMPLED, is_available, sample, show, sources
+from eyechart.conditions import SAMPLED, is_available, sample, seed_of, show, sources, text_source_frame
 from eyechart.errors import SpecError, counted
 from eyechart.event_loops import asyncio
 from eyechart.frames import Frame, FrameBank, Stimulus
@@ -21,7 +21,7 @@ from eyechart.perception.view import View, through
 from eyechart.prompts import Prompt
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, require_motions
-from eyechart.spaces.space import AnySpace
+from eyechart.spaces.space import AnySpace, Decision
 from eyechart.stimuli import Stimuli
 
 Progress = Callable[[int, int], None]
@@ -106,7 +106,22 @@ class Plan:
 
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return the query of a call with this stimulus."""
-        return self.prompt.query(seen, key.seed(self.seed), self.space)
+        return self.prompt.query(seen, key.seed(self.seed), self.space_of(key))
+
+    def space_of(self, key: CallKey) -> AnySpace:
+        """Return the space of a call's answers, with the names that its frame's words allow."""
+        if not self.space.columns:
+            return self.space
+        frame = self.bank.frame(key.frame)
+        told = frame.fields
+        if key.condition == "text_swapped":
+            other = text_source_frame(frame, self.bank, seed_of(key.condition, frame, self.seed)).fields
+            told = {name: (other if name in self.bank.said else told)[name] for name in told}
+        return self.space.given(told)
+
+    def read(self, key: CallKey, reply: Reply) -> Decision[Any]:
+        """Return the decision in a call's reply."""
+        return self.space_of(key).read(reply)
 
     def lacks(self, reply: Reply) -> str:
         """Return a reply's fault that makes further calls useless; here none does."""

@@ -1,17 +1,20 @@
 """The page on frames of one's own cannot rot: its files are read, its commands parsed, its Python run."""
 
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 from typer.main import get_command
 
 import photographs
+from eyechart.calls import Reply
 from eyechart.cli.app import app
 from eyechart.frames import open_bank
 from eyechart.importing.columns import ROLES, read_rig
 from eyechart.prompts import read_prompt
-from eyechart.spaces.discrete import read_space
+from eyechart.spaces.discrete import DRIVING, read_space
+from eyechart.spaces.fields import AnswerField
 
 PAGE = (Path(__file__).parents[2] / "docs/bring-your-own-frames.md").read_text(encoding="utf-8")
 
@@ -35,7 +38,7 @@ def test_its_commands_and_options_exist() -> None:
 
 def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The TOML files are read, and the Python makes a bank with nothing missing."""
-    rig, motion, _, space, prompt, _ = blocks("toml")
+    rig, motion, _, space, prompt, *_ = blocks("toml")
     (tmp_path / "rig.toml").write_text(rig)
     left, right = read_rig(tmp_path / "rig.toml").cameras
     assert (left.name, left.mirrors) == ("left_wrist", right.name)
@@ -55,6 +58,26 @@ def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monke
     bank = open_bank(tmp_path / "bank")
     assert len(bank) == len(rows)
     assert bank.manifest.action_space.name == "rover"
+
+
+READS = {
+    "action": ('{"plan": {"cmd": "left"}}', "LEFT"),
+    "Response": ("Response to user:#### 4", "4"),
+    "steer": ('{"steer": "Left", "speed": "3 m/s"}', "steer=Left speed<5"),
+    "pairs": ("[(1, 0), (1, 0), (1, 0), (1, 0), (1, 0), (1, 0)]", "pairs=[1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0]"),
+    "arrow": ("{'action': 3}", "3"),
+}
+
+
+def test_its_answers_are_read_as_it_says(tmp_path: Path) -> None:
+    """Each example of an answer table is a legal prompt, and reads such a reply."""
+    tables = [block for block in blocks("toml") if "[answer" in block]
+    assert len(tables) == len(READS)
+    for table, (named, (text, action)) in zip(tables, READS.items(), strict=True):
+        assert named in table
+        (tmp_path / "ask.toml").write_text(table)
+        assert read_prompt(tmp_path / "ask.toml").asks(DRIVING).read(Reply(text, "stop")).action == action
+    assert {one.name for one in fields(AnswerField)} <= {*re.findall(r"`(\w+)`", PAGE)}
 
 
 def test_it_has_a_row_for_every_place() -> None:

@@ -323,6 +323,13 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
     prompt = find_prompt(name or "baseline", world.mirror_axis)
     if prompt.fields:
         raise SpecError(f"prompt '{name}' needs {', '.join(prompt.fields)} of a frame, but a drive has no such columns")
+    answers = prompt.asks(world.action_space)
+    known = world.action_space.actions
+    if not answers.is_scene and not (answers.actions and {*answers.actions} <= {*known}):
+        raise SpecError(
+            f"the answers of prompt '{name}' are not the actions of this world; it executes {', '.join(known)}: "
+            "give its answer one field of kind name without values"
+        )
     said = " ".join(prompt.render({}, world.action_space.actions)).upper()
     if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:
         raise SpecError(f"prompt '{name}' does not name {', '.join(unsaid)}; give one that does with --prompt")

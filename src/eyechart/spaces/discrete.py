@@ -6,7 +6,7 @@ The decision is read from a reply's verbatim text: strictly, reproducibly, and w
 import json
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -106,6 +106,30 @@ class Discrete(SpaceDefaults):
         return ActionNames((*((action, action) for action in self.actions), *self.aliases), sided)
 
     @property
+    def choices(self) -> tuple[str, ...]:
+        """Return the names that a prompt must say."""
+        return self.actions
+
+    def on(self, own: "Discrete") -> "Discrete":
+        """Return the space of a prompt on a bank with its ``own`` actions."""
+        del own
+        return self
+
+    def among(self, told: Iterable[Mapping[str, object]]) -> "Discrete":
+        """Return the space of frames with these fields in their words."""
+        del told
+        return self
+
+    def opposite(self, turn: str) -> str:
+        """Return the turn that the reflected world calls for."""
+        return self.reflect(turn)
+
+    @property
+    def turns(self) -> tuple[str, ...]:
+        """Return the parts of the actions that a reflection exchanges: here whole actions."""
+        return self.directional
+
+    @property
     def directional(self) -> tuple[str, ...]:
         """Return the actions that a reflection exchanges."""
         return tuple(action for pair in self.mirror_pairs for action in pair)
@@ -174,7 +198,7 @@ class Discrete(SpaceDefaults):
 
 def named_actions(space: AnySpace | None, own: Discrete) -> Discrete:
     """Return the named actions to read from replies: a prompt's, or a bank's ``own``."""
-    return space if isinstance(space, Discrete) else own
+    return space.on(own) if isinstance(space, Discrete) else own
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,6 +98,30 @@ class SpaceDefaults(Protocol):
         del reader
         return self
 
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Return the names that a prompt must say."""
+        return ()
+
+    def on(self, own: Any) -> Any:  # noqa: ANN401 - a space of the same kind
+        """Return the space of a prompt on a bank with its ``own`` actions."""
+        del own
+        return self
+
+    def turn(self, symbol: str) -> str:
+        """Return the part of a named answer that a reflection may exchange."""
+        return symbol
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Return the prompt columns with the names that a frame allows."""
+        return ()
+
+    def given(self, told: Mapping[str, object]) -> Self:
+        """Return the space of one frame whose words state these fields."""
+        del told
+        return self
+
     def in_world(self, distances: Distances) -> Self:
         """Return the space of a world with these distances."""
         del distances

@@ -141,13 +141,29 @@ class Answers:
         return one[have], other[have], have
 
     @cached_property
-    def partners(self) -> dict[str, str]:
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the actions, or of all answers where none is known beforehand."""
+        return self.space.actions or tuple(sorted({self.space.symbol(action) for action in self._coded[0]}))
+
+    @cached_property
+    def reflections(self) -> dict[str, str]:
         """Return the actions that a reflection exchanges, each with its partner."""
         return {name: str(other) for name in self.space.actions if (other := self.space.reflect(name)) != name}
 
+    @cached_property
+    def partners(self) -> dict[str, str]:
+        """Return the directions of `turns`, each with its partner."""
+        return {self.space.turn(one): self.space.turn(other) for one, other in self.reflections.items()}
+
+    def turns(self, condition: str, level: str = "decision") -> Symbols:
+        """Return a condition's symbols as directions: their part that a reflection exchanges."""
+        symbols = self.symbols(condition, level)
+        named, places = np.unique(symbols, return_inverse=True)
+        return np.array([self.space.turn(str(one)) for one in named], dtype=np.str_)[places]
+
     def directions(self) -> dict[str, int]:
         """Return how often each direction was the answer to real and to mirrored pictures."""
-        given = Counter([*self.actions("real"), *self.actions("mirrored")])
+        given = Counter([*self.turns("real"), *self.turns("mirrored")])
         return {name: given[name] for name in self.partners}
 
     def counts(self) -> dict[str, Counter[str]]:
@@ -197,7 +213,7 @@ def read_answers(
     """
     frames, space, bank, asked = plan.frames, plan.space, plan.bank.manifest, frozenset(plan.asked(model))
     wanted = ((key, reply) for key, reply in replies if key.condition in asked)
-    decisions, finished = read_columns(wanted, frames, space.read)
+    decisions, finished = read_columns(wanted, frames, plan.read)
     gap, silent = bank.gap, "episode" in bank.absent and not independent
     return Answers(
         model=model,
@@ -212,13 +228,13 @@ def read_answers(
 
 
 def read_columns(
-    replies: Iterable[tuple[CallKey, Reply]], frames: Sequence[Frame], read: Callable[[Reply], D]
+    replies: Iterable[tuple[CallKey, Reply]], frames: Sequence[Frame], read: Callable[[CallKey, Reply], D]
 ) -> tuple[dict[str, tuple[D | None, ...]], int]:
     """Return the replies as read, by condition and in frame order, and how many are final."""
     place, finished = {frame.id: index for index, frame in enumerate(frames)}, 0
     found: dict[str, list[D | None]] = {}
     for key, reply in replies:
         if key.frame in place:
-            found.setdefault(key.condition, [None] * len(frames))[place[key.frame]] = read(reply)
+            found.setdefault(key.condition, [None] * len(frames))[place[key.frame]] = read(key, reply)
             finished += reply.error not in UNFINISHED
     return {condition: tuple(column) for condition, column in sorted(found.items())}, finished

@@ -120,11 +120,11 @@ class CalibratedTests:
         return self._kappa_over(SAME, MARGIN)
 
     def _kappa_over(self, names: tuple[str, ...], margin: float) -> Statistic:
-        partners = self.answers.partners
+        partners = self.answers.reflections
         codes = np.full((len(self.answers.frames), len(names)), -1, dtype=np.int64)
         for place, name in enumerate(names):
             given = self.answers.actions(name)
-            for code, action in enumerate(self.answers.space.actions):
+            for code, action in enumerate(self.answers.names):
                 codes[given == (partners.get(action, action) if name == "mirrored" else action), place] = code
         statistic = pooled_kappa(codes, margin=margin, alpha=ALPHA)
         return replace(statistic, method=f"{', '.join(names)}: {statistic.method}")

@@ -131,7 +131,7 @@ class ControlStatistics:
         lanes = next((names for names in LANES if all(name in frames[0].truth for name in names)), ())
         found = [
             (sides[turn] == "left", frame.truth["left_clear"] is True, tuple(frame.truth.get(name) for name in lanes))
-            for turn, frame in zip(self.answers.actions("real").tolist(), frames, strict=True)
+            for turn, frame in zip(self.answers.turns("real").tolist(), frames, strict=True)
             if turn in sides and {frame.truth.get(name) for name in SIDES} == {True, False}
         ]
         left, clear = (np.array([one[place] for one in found], dtype=np.bool_) for place in (0, 1))
@@ -146,7 +146,7 @@ class ControlStatistics:
         if isinstance(found, str):
             return not_available(found, method=what)
         left, clear, _ = found
-        real, again = (self.answers.actions(name) for name in ("real", "real_repeat"))
+        real, again = (self.answers.turns(name) for name in ("real", "real_repeat"))
         turned = [
             (one, other)
             for one, other in zip(real, again, strict=True)
@@ -168,7 +168,7 @@ class ControlStatistics:
         what = "turns where neither side is clear less half of those where one is"
         turns = [*self.answers.partners]
         known = [[frame.truth.get(name) for name in SIDES] for frame in self.answers.frames]
-        given = np.array([self.answers.actions(name) for name in ALONG_LANE])
+        given = np.array([self.answers.turns(name) for name in ALONG_LANE])
         turned, answered = np.isin(given, turns).sum(axis=0), (given != ABSENT).sum(axis=0)
         boxed, beside = (np.array([sorted(map(str, one)) == of for one in known]) for of in (_BOXED, _ONE_SIDE))
         if not turns or not (boxed * answered).any():

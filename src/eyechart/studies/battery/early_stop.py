@@ -153,7 +153,7 @@ class StoppingState:
 
     def __post_init__(self) -> None:
         conditions = self.layout.shown
-        directional = self.layout.space.directional
+        directional = self.layout.space.turns
         self._turns_asked = bool(directional) and "mirrored" in conditions
         self.claims = claims(len(self.layout.order), self.layout.space, conditions, mirrored=self._turns_asked)
         self.turns = dict.fromkeys(directional, 0)
@@ -272,8 +272,9 @@ class StoppingState:
                 claim.add(row)
         for condition in ("real", "mirrored"):
             action = row.action(condition)
-            if action in self.turns:
-                self.turns[action] += 1
+            turn = None if action is None else self.layout.space.turn(action)
+            if turn in self.turns:
+                self.turns[turn] += 1
         self.frames += 1
         self._judge()
 
@@ -357,14 +358,13 @@ class EarlyStop(Stages):
 
     def __init__(self, plan: Plan, ledger: Ledger, later: Stages | None = None) -> None:
         self._plan, self._later, self._again = plan, later, set[tuple[str, int]]()
-        self._space = plan.bank.manifest.action_space
         self._given: dict[str, GivenDecisions] = {}
         self.courses: dict[str, StoppingState] = {}
         for model in plan.models:
             course = StoppingState(layout_for(plan, model))
             asked = {(key.frame, key.condition) for key in plan.keys_of(model)}
             self._given[model] = given = {
-                (key.frame, key.condition): self._space.read(reply)
+                (key.frame, key.condition): plan.read(key, reply)
                 for key, reply in ledger.replies(model)
                 if reply.error not in UNFINISHED and (key.frame, key.condition) in asked
             }
@@ -392,7 +392,7 @@ class EarlyStop(Stages):
 
     def finished(self, key: CallKey, reply: Reply) -> None:
         """Add a reply to the evidence, and count every frame that it completes."""
-        self._given[key.model][key.frame, key.condition] = self._space.read(reply)
+        self._given[key.model][key.frame, key.condition] = self._plan.read(key, reply)
         self.courses[key.model].advance(self._given[key.model])
         if self._later is not None:
             self._later.finished(key, reply)
@@ -440,7 +440,8 @@ def typical(asked: QuestionOrder) -> dict[str, int]:
 def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], Decision[str]]:
     """Return the answers of a clear model that never turns and brakes only where it must."""
     space = layout.space
-    straight = [action for action in space.actions if action not in space.directional] or list(space.actions)
+    actions = space.actions or ("one", "other")  # of a space whose actions are not known beforehand
+    straight = [action for action in actions if action not in space.directional] or list(actions)
     brake = space.brake[0] if space.brake else straight[-1]
     go = next((action for action in straight if action != brake), straight[0])
     lost: Decision[str] = Decision(None, "refused")

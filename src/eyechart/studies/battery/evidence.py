@@ -43,9 +43,11 @@ class FrameAnswers:
         return any(one.missing == "error" for one in self.given.values())
 
     def turn(self) -> tuple[Symbol, Symbol] | None:
-        """Return the real decision and the mirrored answer, where the real one is a turn."""
+        """Return the direction of the real and of the mirrored answer, where the real one turns."""
         real, mirrored = self.action("real"), self.symbol("mirrored")
-        return (real, mirrored) if real in self.space.directional and real and mirrored else None
+        if not real or not mirrored or (turn := self.space.turn(real)) not in self.space.turns:
+            return None
+        return turn, self.space.turn(mirrored)
 
 
 @dataclass
@@ -298,16 +300,16 @@ def _near_far(frames: int) -> tuple[Claim, Claim]:
 def _swap(row: FrameAnswers) -> float:
     """Return 1 where a turn swaps under reflection, -1 where it does not, 0 without a turn."""
     turn = row.turn()
-    return 0.0 if turn is None else 1.0 if row.space.reflect(turn[0]) == turn[1] else -1.0
+    return 0.0 if turn is None else 1.0 if row.space.opposite(turn[0]) == turn[1] else -1.0
 
 
 def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
-    pairing = PairingProcess(len(space.directional))
+    pairing = PairingProcess(len(space.turns))
 
     def observe(row: FrameAnswers) -> None:
         turn = row.turn()
-        if turn is not None and turn[1] in space.directional and not row.failed:
-            pairing.add(space.reflect(turn[0]), turn[1])
+        if turn is not None and turn[1] in space.turns and not row.failed:
+            pairing.add(space.opposite(turn[0]), turn[1])
 
     says = "it exchanges more than half of its turns under reflection"
     rate = _mean("swaps_rate", says, "it exchanges half of its turns or fewer", MeanProcess(frames, -1.0), _swap)
@@ -317,7 +319,7 @@ def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
 
 
 def _few_turns(frames: int, space: Discrete) -> Claim:
-    need = fewest_turns(len(space.directional))
+    need = fewest_turns(len(space.turns))
     least = need / frames
     says = f"the whole run would hold fewer than {need} turns, too few to show exchange"
     process, against = MeanProcess(frames, least - 1, bank=True), f"this run holds {need} turns or more"

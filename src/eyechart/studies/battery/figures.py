@@ -239,7 +239,7 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
     farthest = float(finite.max()) if finite.size else 1.0
     leadless = not np.isfinite(gaps).all()
     nowhere = farthest * 1.16
-    actions = answers.space.actions
+    actions = answers.names
     names = [f"{plain(action, 12)} ({np.count_nonzero(real == action)})" for action in actions]
     margin = 0.2 + 0.077 * max(map(len, names))
     figure, axes = canvas(3.5, 0.6 + 0.36 * len(actions), (margin, 0.15, 0.5, 0.05))
@@ -287,7 +287,7 @@ def mirror(who: Subject, place: int) -> list[Drawing]:
     if not len(real) or not answers.partners:
         return []
     names = ("real frame", "mirrored frame")
-    expected = {(action, answers.partners.get(action, action)) for action in answers.space.actions}
+    expected = {(action, answers.reflections.get(action, action)) for action in answers.names}
     title = f"Under reflection, {who.label}"
     note = "framed: the action that the reflected world calls for"
     return [
@@ -408,7 +408,8 @@ def _transitions(
     note: str,
 ) -> Drawing:
     rows, columns = pair
-    actions = [*space.actions, *([UNPARSED] if UNPARSED in {*rows.tolist(), *columns.tolist()} else [])]
+    named = space.actions or sorted({*rows.tolist(), *columns.tolist()} - {UNPARSED})
+    actions = [*named, *([UNPARSED] if UNPARSED in {*rows.tolist(), *columns.tolist()} else [])]
     size = len(actions)
     labels = [plain(action, 11) for action in actions]
     leaning = size > 5 or max(map(len, labels)) > 8

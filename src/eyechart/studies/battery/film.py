@@ -49,17 +49,17 @@ def cards(run: Path, frame: str | None = None, banks: Sequence[Path] = ()) -> tu
     pictures, why = find_pictures(manifest, asked, run, banks)
     if pictures is None:
         raise BankError(f"the pictures of {run} were not found: {why}; give the bank with --frames")
+    plan = plan_of(manifest, pictures, view=find_view(manifest.view))
     said: dict[str, dict[tuple[str, str], str]] = {}
     with Ledger(run / LEDGER) as ledger:
         for spec in manifest.models:
             for key, reply in ledger.replies(spec):
-                found = space.read(reply)
+                found = plan.read(key, reply)
                 words = f"no decision ({found.why or found.missing})"
                 said.setdefault(key.frame, {})[spec, key.condition] = (
                     words if found.action is None else space.symbol(found.action)
                 )
     shown = _frame(asked, said, frame, run)
-    plan = plan_of(manifest, pictures, view=find_view(manifest.view))
     order = dict.fromkeys([*manifest.conditions, *CONDITIONS, *(condition for _, condition in said[shown.id])])
     made = []
     for condition in order:

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +51,12 @@ LEFT_OUT = (
 )
 """Tests of a verdict that the power leaves out; each sometimes costs such a model its label."""
 
-Codes = NDArray[np.int8]
+Codes = NDArray[np.signedinteger[Any]]
 Levels = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+_FEW = 64
+"""Two codes of so many actions add up within eight bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,9 +174,9 @@ class _SimulatedAnswers:
     def _answer(self, meant: Codes | int) -> Codes:
         """Return answers that each slip from the meant action to another one by chance."""
         shape = (self.draws, len(self.bank))
-        other = self.rng.integers(1, len(self.space.actions), shape, dtype=np.int8)
+        other = self.rng.integers(1, len(self.space.actions), shape, dtype=self._code)
         slipped = self.rng.random(shape) < self.slips
-        return np.asarray((meant + other * slipped) % len(self.space.actions), dtype=np.int8)
+        return np.asarray((meant + other * slipped) % len(self.space.actions), dtype=self._code)
 
     def _shown(self, *conditions: str) -> Flags:
         """Return the frames that can be shown under all of these conditions."""
@@ -180,6 +184,11 @@ class _SimulatedAnswers:
         for name in {*SAMPLED} & {*conditions}:
             shown &= np.cumsum(shown) <= sampled_of(self.bank)[name]  # any sample of this size will do
         return shown
+
+    @property
+    def _code(self) -> type[np.signedinteger[Any]]:
+        """Return the type of the codes, which holds a sum of two."""
+        return np.int8 if len(self.space.actions) <= _FEW else np.int32
 
     @cached_property
     def _levels(self) -> NDArray[np.float64]:
@@ -223,7 +232,7 @@ class _SimulatedAnswers:
         reads = ranks < round(share * frames)
 
         near, far = (
-            self._levels[self._answer(np.where(reads, np.int8(code), np.int8(brake)))][:, pairs] for code in (hard, go)
+            self._levels[self._answer(np.where(reads, code, brake).astype(self._code))][:, pairs] for code in (hard, go)
         )
         won, lost = (np.count_nonzero(apart, axis=1) for apart in (near > far, near < far))
         first = float((binom.sf(won - 1, won + lost, 0.5) < ALPHA).mean())
@@ -244,7 +253,7 @@ class _SimulatedAnswers:
         given = {}
         for name, distance in distances.items():
             meant = np.where(distance < first, hard, np.where(distance < last, brake, go))
-            codes = self._answer(np.where(ranks < round(share * len(self.bank)), meant, brake).astype(np.int8))
+            codes = self._answer(np.where(ranks < round(share * len(self.bank)), meant, brake).astype(self._code))
             given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes] / self._levels.max())
         draws = min(self.draws, ALONG_DRAWS)
         earned = (

@@ -132,7 +132,7 @@ class PaperStatistics:
 
     def _coded(self, symbols: Symbols) -> "_CodedLabels":
         """Return symbols as numbers, in sorted order of their names, -1 for ``ABSENT``."""
-        names = tuple(sorted({*self.answers.space.actions, UNPARSED}))
+        names = tuple(sorted({*self.answers.names, UNPARSED}))
         codes = np.full(len(symbols), -1, dtype=np.int64)
         for code, name in enumerate(names):
             codes[symbols == name] = code
@@ -195,7 +195,7 @@ class PaperStatistics:
             return not_available("no action of this space exchanges under reflection")
         if all(frame.mirror_axis == "none" for frame in self.answers.frames):
             return not_available("no frame of the bank has a mirror axis")
-        real, mirrored = self.answers.actions("real"), self.answers.responses("mirrored")
+        real, mirrored = self.answers.turns("real"), self.answers.turns("mirrored", "response")
         have = (real != ABSENT) & (mirrored != ABSENT)
         if not have.any():
             return not_available("no frame has an answer both to its real and to its mirrored picture")

@@ -81,6 +81,8 @@ def unreachable_labels(bank: FrameBank, frames: tuple[Frame, ...], asked: Collec
 
     Conditions of later stages count as run.
     """
+    if not bank.manifest.action_space.actions:
+        bank = replace(bank, manifest=replace(bank.manifest, action_space=_OPEN))
     some, left = replace(bank, frames=frames), {*BATTERY, *_DEPTH[:2]} - {*asked}
     parts = [spread(frames, _ENOUGH), *([frames] if len(frames) > _ENOUGH else [])]
     return [
@@ -94,6 +96,9 @@ def unreachable_labels(bank: FrameBank, frames: tuple[Frame, ...], asked: Collec
         )
     ]
 
+
+_OPEN = Discrete("open", ("one", "two", "three"), (), (), ())
+"""Stands for answers whose names are not known beforehand: none brakes or turns."""
 
 _ENOUGH = 288
 """A label that this many of the frames can show is not tried on all of them."""

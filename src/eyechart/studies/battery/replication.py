@@ -93,7 +93,7 @@ class _Pair:
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
-        return (*self.first.space.actions, UNPARSED)
+        return (*dict.fromkeys((*self.first.names, *self.second.names)), UNPARSED)
 
     @cached_property
     def _row(self) -> Mapping[str, int]:
@@ -218,12 +218,13 @@ class _Pair:
 
     def swaps(self, codes: Codes, weights: Floats) -> Floats:
         """Return the mirror swap rate: the share of real turns that the reflection swaps."""
-        partners = self.first.partners
-        partner = np.array([self._names.index(partners.get(name, name)) for name in self._names[:-1]] + [-2, -3])
-        directional = [self._names.index(name) for name in partners]
-        real, mirrored = codes[:, self._row["real"]], codes[:, self._row["mirrored"]]
-        asked = np.isin(real, directional) & (mirrored >= 0)
-        swapped = asked & (partner[real] == mirrored)
+        partners, turns = self.first.partners, [self.first.space.turn(name) for name in self._names[:-1]]
+        kinds = list(dict.fromkeys(turns))
+        kind = np.array([*map(kinds.index, turns), -2, -3])
+        partner = np.array([kinds.index(partners.get(turn, turn)) for turn in kinds])
+        real, mirrored = kind[codes[:, self._row["real"]]], codes[:, self._row["mirrored"]]
+        asked = np.isin(real, [kinds.index(turn) for turn in partners]) & (mirrored >= 0)
+        swapped = asked & (partner[real] == kind[mirrored])
         return _ratio((swapped * weights).sum(axis=1), (asked * weights).sum(axis=1))
 
     def diversity(self) -> dict[str, Measure]:

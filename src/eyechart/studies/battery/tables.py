@@ -218,7 +218,7 @@ def order_table(everyone: Sequence[Subject]) -> Table:
     for who in everyone:
         answers, medians = who.model.answers, median_gaps(who.model.answers)
         real, mirrored, _ = answers.both("real", "mirrored", "response")
-        turned = {name: Counter(mirrored[real == name].tolist()) for name in answers.partners}
+        turned = {name: Counter(mirrored[real == name].tolist()) for name in answers.reflections}
         counts = Counter(answers.actions("real").tolist())
         for action in sorted(medians, key=lambda name: -counts[name]):
             to = ", ".join(f"{name} {count}" for name, count in turned.get(action, Counter()).most_common())

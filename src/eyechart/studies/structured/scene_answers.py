@@ -99,7 +99,7 @@ def told_of(
     replies: Iterable[tuple[CallKey, Reply]], frames: tuple[Frame, ...], gap_m: Floats, close: float, space: SceneSpace
 ) -> SceneAnswers:
     """Return the replies as scenes; gaps below ``close`` are close, and ``space`` reads replies."""
-    found, finished = read_columns(replies, frames, space.read)
+    found, finished = read_columns(replies, frames, lambda _, reply: space.read(reply))
     there = np.array([frame.truth.get("lead_visible") is not False for frame in frames], dtype=np.bool_)
     visible = np.isfinite(gap_m) & there
     return SceneAnswers(

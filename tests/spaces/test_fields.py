@@ -1,0 +1,202 @@
+"""Declared fields of an answer: read by a key, a pattern, or the words; strictly."""
+
+import re
+import time
+
+import pytest
+
+from eyechart.errors import SpecError
+from eyechart.spaces.fields import AnswerField, candidates_of, read_answer_fields, read_fields
+from eyechart.spaces.linear_pattern import LinearPattern
+
+IDS = AnswerField("action", key="action", values=("0", "1", "2", "3", "4"))
+HASHED = AnswerField("action", pattern=r"Response to user:\s*#+ *(-?\d+)", values=IDS.values)
+SPEED = AnswerField("speed", kind="number", pattern=r"speed: ([-+\d.,eE]+)", unit="m/s")
+ALONE = AnswerField("speed", kind="number", unit="m/s")
+NESTED = AnswerField("speed", kind="number", key="plan.speed")
+PAIRS = AnswerField("path", kind="vector", size=4)
+
+READ = [
+    (IDS, '{"action": 3}', "3"),
+    (IDS, "{'action': 3}", "3"),
+    (IDS, 'So I choose:\n```json\n{"why": "free", "action": "3"}\n```', "3"),
+    (IDS, '{"action": 3} and once more {"action": 3}', "3"),
+    (HASHED, "Final Answer: Deceleration\nResponse to user:#### 4", "4"),
+    (SPEED, "speed: -2.5e1 m/s", -25.0),
+    (SPEED, "speed: 3m/s, then", 3.0),
+    (AnswerField("a", pattern=r"Steer: (\w+)", values=("L", "N")), "Steer: L / Brake: N", "L"),
+    (SPEED, "speed: 3; steer: 2", 3.0),
+    (ALONE, "−2", -2.0),
+    (ALONE, "3.5 m/s.", 3.5),
+    (NESTED, '{"speed": 9, "plan": {"speed": 2}}', 2.0),
+    (NESTED, '{"plan": {"speed": "2"}}', 2.0),
+    (PAIRS, "[(1, 2), (3, -4)]", (1.0, 2.0, 3.0, -4.0)),
+    (PAIRS, "```\n[1, 2.5, 3e2, 4]\n```", (1.0, 2.5, 300.0, 4.0)),
+    (AnswerField("path", kind="vector", size=2, key="v"), '{"v": [1, 2]}', (1.0, 2.0)),
+    (AnswerField("steer", values=("left", "slight left")), "The action is slight left.", "slight left"),
+]
+UNREAD = [
+    (IDS, "I go on.", "no_answer"),
+    (IDS, '{"action": 1.5}', "other_value"),
+    (IDS, '{"action": "-1"}', "other_value"),
+    (IDS, '{"action": -1}', "other_value"),
+    (IDS, '{"action": 3, "action": 2}', "several_values"),
+    (IDS, "{'action': 3, 'action': 2}", "several_values"),
+    (IDS, '[{"action": 1}, {"action": 2}]', "several_values"),
+    (IDS, '{"action": 3} No: action: 4', "several_values"),
+    (IDS, 'You said {"action": <n>}: {"action": 3}', "malformed"),
+    (IDS, '{"action": 3', "malformed"),
+    (IDS, '{"action": {"action": 3}}', "wrong_type"),
+    (IDS, '{"action": [3]}', "wrong_type"),
+    (IDS, '{"action": true}', "wrong_type"),
+    (IDS, '{"action": null}', "wrong_type"),
+    (IDS, '{"action": NaN}', "other_value"),
+    (IDS, '{"result": {"action": 3}}', "no_answer"),
+    (IDS, '{"action": 3, "error": "no image"}', "says_error"),
+    (HASHED, "Response to user:#### 1.5", "part_of_a_word"),
+    (HASHED, "Response to user:#### 4th", "part_of_a_word"),
+    (HASHED, "Response to user:#### -4", "other_value"),
+    (HASHED, "Response to user:#### 4 km/h", "other_unit"),
+    (HASHED, "Response to user:#### 4\nResponse to user:#### 3", "several_values"),
+    (AnswerField("a", pattern="(STOP|GO)", values=("STOP", "GO")), "NONSTOP", "part_of_a_word"),
+    (AnswerField("a", pattern=r"steer.*?(\d)", values=("1", "2")), "steer -2", "part_of_a_word"),
+    (AnswerField("a", pattern=r"Steer: (\w+)", values=("L", "N", "R")), "Steer: L, N or R", "several_values"),
+    (AnswerField("a", pattern=r"Steer: (\w+)", values=("L", "N", "R")), "Steer: L/R", "several_values"),
+    (HASHED, "Response to user:#### 4-5", "several_values"),
+    (SPEED, "speed: 0 to 15 m/s", "several_values"),
+    (SPEED, "speed: 0 m/s - 15 m/s", "several_values"),
+    (SPEED, "speed: 3 km/h", "other_unit"),
+    (SPEED, "speed: 3,5", "not_a_number"),
+    (SPEED, "speed: 1,200", "not_a_number"),
+    (SPEED, "speed: 1e999", "not_finite"),
+    (ALONE, "NaN", "not_finite"),
+    (ALONE, "1e40", "not_finite"),
+    (ALONE, "about 3", "not_a_number"),
+    (ALONE, "3 km/h", "other_unit"),
+    (ALONE, "3 5", "not_a_number"),
+    (NESTED, '{"plan": {"speed": ' + "9" * 400 + "}}", "not_finite"),
+    (NESTED, '{"plan": {"speed": Infinity}}', "not_finite"),
+    (PAIRS, "[1, 2, 3]", "wrong_size"),
+    (PAIRS, "[1, [2], 3, 4]", "not_a_vector"),
+    (PAIRS, "[1, 2, 3, 4", "not_a_vector"),
+    (PAIRS, "1, 2, 3, 4", "not_a_vector"),
+    (PAIRS, "[1, 2, 3, NaN]", "not_a_vector"),
+    (PAIRS, "[1, 2, 3, 1e99]", "not_finite"),
+    (PAIRS, "past [0, 0, 0, 0], next [1, 2, 3, 4]", "not_a_vector"),
+]
+
+
+@pytest.mark.parametrize(("field", "text", "value"), READ)
+def test_a_field_is_read_where_it_was_declared(field: AnswerField, text: str, value: object) -> None:
+    """A reply's value comes back in its kind."""
+    assert read_fields(text, [field]).values == (value,)
+
+
+@pytest.mark.parametrize(("field", "text", "why"), UNREAD)
+def test_what_is_not_one_value_is_no_answer(field: AnswerField, text: str, why: str) -> None:
+    """The reason is one word, and names the field."""
+    found = read_fields(text, [field])
+    assert (found.values, found.why, found.field) == (None, why, field.name)
+
+
+def test_several_fields_are_read_together_or_not_at_all() -> None:
+    """A reply without one field's value has no answer."""
+    both = (AnswerField("vx", kind="number", key="vx"), AnswerField("turn", key="turn", values=("left", "right")))
+    assert read_fields('{"vx": 0.5, "turn": "Left"}', both).values == (0.5, "left")
+    found = read_fields('{"vx": 0.5}', both)
+    assert (found.why, found.field) == ("no_answer", "turn")
+
+
+def test_a_number_belongs_to_the_first_range_that_holds() -> None:
+    """A number outside all ranges is no answer."""
+    field = AnswerField("speed", kind="number", key="v", values=("<= 0", "< 5", "5..30"), brake=("<= 0", "< 5"))
+    assert [field.range_of(value) for value in (-1, 0, 0.1, 5, 30, 31)] == [
+        "<= 0",
+        "<= 0",
+        "< 5",
+        "5..30",
+        "5..30",
+        None,
+    ]
+    assert read_fields('{"v": 31}', [field]).why == "other_value"
+
+
+@pytest.mark.parametrize(
+    ("table", "fault"),
+    [
+        ({}, "one list: fields"),
+        ({"fields": []}, "no fields"),
+        ({"fields": [{"kind": "name"}]}, "name"),
+        ({"fields": [{"name": "a", "kind": "word"}]}, "kind"),
+        ({"fields": [{"name": "a", "colour": 1}]}, "colour"),
+        ({"fields": [{"name": "a b"}]}, "begins with a letter"),
+        ({"fields": [{"name": "a", "key": "x", "pattern": "(x)"}]}, "a key and a pattern"),
+        ({"fields": [{"name": "a", "key": "x."}]}, "empty part"),
+        ({"fields": [{"name": "a", "pattern": "x"}]}, "0 groups"),
+        ({"fields": [{"name": "a", "pattern": "(x)(y)"}]}, "2 groups"),
+        ({"fields": [{"name": "a", "pattern": "(x"}]}, "no regular expression"),
+        ({"fields": [{"name": "a", "pattern": r"(x)\1"}]}, "which this reader lacks"),
+        ({"fields": [{"name": "a", "pattern": "(?=x)(x)"}]}, "which this reader lacks"),
+        ({"fields": [{"name": "a", "pattern": "((?:x{1000}){1000})"}]}, "repeats too much"),
+        ({"fields": [{"name": "a", "kind": "vector"}]}, "needs its size"),
+        ({"fields": [{"name": "a", "kind": "vector", "size": 2, "unit": "m"}]}, "no values, from_column or unit"),
+        ({"fields": [{"name": "a", "size": 2}]}, "only a vector"),
+        ({"fields": [{"name": "a", "unit": "m"}]}, "a name has no unit"),
+        ({"fields": [{"name": "a", "kind": "number", "values": ["slow"]}]}, "no range of numbers"),
+        ({"fields": [{"name": "a", "kind": "number", "values": ["5..2"]}]}, "holds no number"),
+        ({"fields": [{"name": "a", "kind": "number", "from_column": "x"}]}, 'kind = "name"'),
+        ({"fields": [{"name": "a", "values": ["x", "X"]}]}, "another value's name"),
+        ({"fields": [{"name": "a", "values": ["x", "-"]}]}, "cannot be read"),
+        ({"fields": [{"name": "a", "values": ["x", "y"], "brake": ["z"]}]}, "brake names 'z'"),
+        ({"fields": [{"name": "a", "values": ["x", "y"], "brake": ["x"], "proceed": ["x"]}]}, "cannot both"),
+        ({"fields": [{"name": "a", "values": ["x", "y"], "from_column": "z"}]}, "not both"),
+        ({"fields": [{"name": "a"}, {"name": "b", "key": "b"}]}, "needs a key or a pattern"),
+        ({"fields": [{"name": "a", "key": "x"}, {"name": "b", "key": "x"}]}, "one key"),
+    ],
+)
+def test_a_wrong_table_is_refused_by_its_fault(table: object, fault: str) -> None:
+    """The error names the file, the field and the fault."""
+    with pytest.raises(SpecError, match=r"^prompt\.toml: ") as refused:
+        read_answer_fields(table, "prompt.toml")
+    assert fault in str(refused.value)
+
+
+def test_a_field_is_written_as_it_was_declared() -> None:
+    """What is written reads back as the same field."""
+    declared = {
+        "name": "steer",
+        "kind": "name",
+        "key": "control.steer",
+        "values": ["left", "right", "none"],
+        "mirror_pairs": [["left", "right"]],
+        "aliases": [["l", "left"]],
+    }
+    (field,) = read_answer_fields({"fields": [{**declared, "aliases": {"l": "left"}}]}, "it")
+    assert field.as_dict() == declared
+    assert read_answer_fields({"fields": [declared]}, "it") == (field,)
+
+
+def test_a_pattern_finds_what_pythons_own_finds() -> None:
+    """The groups of all matches are equal."""
+    patterns = [r"\b(STOP|GO)\b", r"x{2,4}?(y+)", r"(?im)^action: *(\S+)$", r"([^a-c\]]+)", r"(a|ab)(?:c|bcd)d*"]
+    for text in ("ab GO go STOP.", "xxxyy xxxxxy", "hm\naction: b\nACTION: c", "a]b-c", "abcd", ""):
+        for one in patterns:
+            own = [found[1] for found in re.finditer(one, text)]
+            assert [found.text for found in LinearPattern(one).search(text)] == own, (one, text)
+
+
+def test_no_pattern_takes_long() -> None:
+    """A pattern that takes Python's own expressions for ever is matched in linear time."""
+    began = time.process_time()
+    for one, sign in ((r"(?:(?:a*)*)*(b)", "a"), (r"a*a*a*a*(b)", "a"), (r"\s*(x)", " ")):
+        assert not list(LinearPattern(one).search(sign * 20_000))
+    assert time.process_time() - began < 5
+    field = AnswerField("a", pattern="((?:a?){300}b)")
+    assert read_fields("a" * 90_000, [field]).why == "too_long"
+
+
+def test_a_frames_own_names_come_from_its_column() -> None:
+    """A list may be JSON, or stand with commas or in lines."""
+    assert candidates_of("3, 5,7") == candidates_of('["3", 5, 7]') == candidates_of("3\n5\n7\n") == ("3", "5", "7")
+    assert candidates_of(4) == ("4",)
+    assert candidates_of("") == ()
