@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 from eyechart.frames import Stimulus
+from eyechart.messages import Turn
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import ending
 
@@ -99,7 +100,9 @@ class Query:
 
     ``stimulus`` comes from the condition. ``seed`` comes from the call's key, so a model that
     samples repeats its answer after a resume. ``schema`` is the JSON schema of an answer, for
-    models that enforce one. It is a copy: a change of it affects no other call.
+    models that enforce one. It is a copy: a change of it affects no other call. ``messages`` are
+    the turns of a prompt that has more than a system and a user message; ``system`` and ``user``
+    are then the words of its first, if it is the system's, and of its last.
     """
 
     system: str
@@ -107,6 +110,7 @@ class Query:
     stimulus: Stimulus
     seed: int
     schema: Mapping[str, object] = field(default_factory=lambda: ANY_ACTION, hash=False)
+    messages: tuple[Turn, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "schema", _own(self.schema))
@@ -121,10 +125,26 @@ class Query:
         """Return the picture of the first camera, None without a picture."""
         return next(iter(self.stimulus.images.values()), None)
 
+    @property
+    def turns(self) -> tuple[Turn, ...]:
+        """Return the messages to send, with all pictures in their places."""
+        system = (Turn("system", (self.system,)),) if self.system else ()
+        return self.messages or (*system, Turn("user", (*self.images, self.user)))
+
+    @property
+    def pictures(self) -> tuple[bytes, ...]:
+        """Return all encoded pictures to send, a prompt's examples included, in their order."""
+        return tuple(picture for turn in self.turns for picture in turn.pictures)
+
     def said_by(self, role: str) -> "Query":
         """Return this query; for the role ``user``, with its system text before the user's."""
         if role == "system" or not self.system:
             return self
+        if self.messages:
+            _, first, *others = self.messages
+            opening = [first.opened_by(self.system)] if first.role == "user" else [Turn("user", (self.system,)), first]
+            turns = (*opening, *others)
+            return replace(self, system="", user=turns[-1].words, messages=turns)
         return replace(self, system="", user=f"{self.system}\n\n{self.user}")
 
     def sha256(self) -> str:
@@ -137,6 +157,7 @@ class Query:
             *_bound(self.schema),
             *_stated(seen),
             *(part for one in seen.past for part in (b"past", _pictured(one), *_stated(one))),
+            *(part for turn in self.messages for part in turn.digests()),
         ):
             digest.update(len(part).to_bytes(8, "big"))
             digest.update(part)

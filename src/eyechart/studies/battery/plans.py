@@ -47,7 +47,7 @@ from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
 from eyechart.planned_run import Bar, PlannedRun, RunAllowance, RunEnding, calls_ended, empty, forecast
-from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
+from eyechart.prompts import Prompt, find_prompt, neutral, require_pictured, require_sayable
 from eyechart.run import MotionPlan, Plan, RunOptions, Stages, ask_again, execute, spread
 from eyechart.studies.battery.early_stop import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.early_stop import Progress as HowFar
@@ -328,6 +328,8 @@ def planned(
     formulation = _prompt_for(bank, asking.prompt)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
+    if formulation.messages:
+        require_pictured(formulation, show("real", bank.frames[-1], bank, asking.seed))
     supplied, left_out = conditions_of(bank, formulation)
     controls = extent.controls_of(out, conditions)
     every = (name for name in supplied if name not in CONTROLS)
