@@ -306,7 +306,7 @@ def _from_tool(reply: Reply, message: dict[str, object]) -> Reply:
     with different calls, whose finish reason is ``tool_calls``.
     """
     calls = message.get("tool_calls")
-    said = {_arguments(call) for call in calls} if isinstance(calls, list) else set[str]()
+    said = set(map(_arguments, calls)) - {""} if isinstance(calls, list) else set[str]()
     if reply.finish_reason != "tool_calls" or len(said) != 1:
         return reply
     return replace(reply, text=said.pop(), reasoning=reply.reasoning or reply.text, finish_reason="stop")

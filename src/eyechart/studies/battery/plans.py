@@ -299,7 +299,7 @@ def plan(
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals that the bank
     can supply, and text_swapped where the prompt has fields; ``extent`` adds controls. ``prompt``
     is a name or a TOML file. It defaults to ``baseline``, and to a plain prompt for imported
-    frames. ``study`` is the name of the study in the manifest.
+    frames, and to its own for a run in ``out``. ``study`` is the name of the study in the manifest.
 
     Raises BankError where a picture differs from the one that the bank's manifest recorded. Raises
     SpecError for an unknown name, or for a plan that cannot stop early. Raises LedgerError where
@@ -325,7 +325,7 @@ def planned(
     """
     conditions, extent = asking.conditions, asking.extent
     bank = open_whole(bank_path)
-    formulation = _prompt_for(bank, asking.prompt)
+    formulation = _prompt_for(bank, asking.prompt, out)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
     if formulation.messages:
@@ -381,7 +381,10 @@ def open_whole(bank_path: Path) -> FrameBank:
     return open_bank(bank_path)
 
 
-def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
+def _prompt_for(bank: FrameBank, name: str | None, out: Path | None) -> Prompt:
+    """Return the prompt of this name; without a name the prompt of the run in ``out``, if any."""
+    if name is None and out is not None and is_run(out):
+        return read_manifest(out).prompt
     imported = bank.manifest.simulator == IMPORTED
     if name is None and imported:
         return neutral(bank.manifest.picture, bank.manifest.action_space)
