@@ -16,12 +16,13 @@ from aiohttp import web
 import banks
 from eyechart import inspect
 from eyechart.bundle import validate, write_bundle
-from eyechart.calls import Query, Reply
+from eyechart.calls import Emptiness, Query, Reply
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import Camera, FrameBank, Stimulus, encode
 from eyechart.messages import MOST_EXAMPLE_BYTES
 from eyechart.models import open_model
 from eyechart.models.huggingface.checkpoint import conversation as chat
+from eyechart.models.python_callable import hold
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS, Prompt, read_prompt, require_pictured
 from eyechart.spaces.discrete import DRIVING
@@ -386,6 +387,30 @@ def test_a_chat_template_is_given_every_turn_with_its_pictures_in_order(tmp_path
     assert query.pictures == (NEAR, FAR, LEFT)
 
 
+def heard(prompt: str, image: bytes | None, *, messages: list[dict[str, Any]]) -> str:
+    """Return what it is given."""
+    said = [f"{turn['role']}: {' '.join(str(len(part)) for part in turn['content'])}" for turn in messages]
+    return f"{prompt} {len(image or b'')} {said}"
+
+
+def test_a_callable_gets_every_turn_where_it_takes_them(tmp_path: Path) -> None:
+    """Else it is told how, because it would miss the examples; a prompt of one message needs nothing."""
+    mode = RequestMode("python:m:f")
+    short = FEW_SHOT.replace("You drive. You answer with one of: {actions}.", "Drive.")
+    query = written(tmp_path, short).query(Stimulus.of(FRONT), 1, DRIVING)
+    reply = asyncio.run(hold(heard, mode).answer(query))
+    turns = ["system: 6", f"user: {len(NEAR)} 15", "assistant: 26", f"user: {len(FAR)} 15", "assistant: 30"]
+    assert reply.text == f"Drive.\n\n{query.user} {len(FRONT)} {[*turns, f'user: {len(FRONT)} {len(query.user)}']}"
+    plain = hold(lambda prompt, image: f"{prompt} {image is None}", mode)
+    refused = asyncio.run(plain.answer(query))
+    assert (refused.error, "let it take them, as (prompt, image, *, messages)" in refused.error_detail) == (
+        "exception",
+        True,
+    )
+    one = written(tmp_path, user("Go {picture:front}?")).query(Stimulus({"front": FRONT}), 1)
+    assert asyncio.run(plain.answer(one)).text == "Go ? False"
+
+
 def called(*arguments: object, finish: str = "tool_calls", **message: object) -> Asked:
     """Return a completion whose message calls a tool with these arguments, once each."""
     calls = [
@@ -429,6 +454,7 @@ def test_a_tool_call_that_gives_no_one_answer_is_no_answer() -> None:
     for body, mode in ((called(both[0]), "none"), (called(*both), "tool_call"), (called(None), "tool_call")):
         reply, _ = replied(body, structured=mode)
         assert (reply.text, DRIVING.read(reply).action) == ("", None)
+        assert "1 of them call a tool: --json-mode tool_call" in Emptiness.of([reply]).words
     cut, _ = replied(called(both[0], finish="length"), structured="tool_call")
     assert DRIVING.read(cut).missing == "truncated"
     plain, _ = replied(completion("LEFT"), structured="tool_call")

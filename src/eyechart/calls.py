@@ -257,6 +257,7 @@ class Emptiness:
     """Counts of replies: ``came``, ``empty`` ones, and empty ones with text in their reasoning.
 
     ``cut`` replies were cut off before their first word, ``cut_thought`` of them during reasoning.
+    ``called`` counts empty replies that call a tool.
     """
 
     came: int = 0
@@ -264,6 +265,7 @@ class Emptiness:
     thought: int = 0
     cut: int = 0
     cut_thought: int = 0
+    called: int = 0
 
     @classmethod
     def of(cls, replies: Iterable[Reply]) -> "Emptiness":
@@ -275,9 +277,10 @@ class Emptiness:
         if reply.error is not None:
             return self
         if reply.text.strip():
-            return Emptiness(self.came + 1, self.empty, self.thought, self.cut, self.cut_thought)
+            return replace(self, came=self.came + 1)
         cut, thought = is_cut(reply), bool(reply.reasoning.strip())
-        return self + Emptiness(1, not cut, thought and not cut, cut, thought and cut)
+        called = not cut and reply.finish_reason == "tool_calls"
+        return self + Emptiness(1, not cut, thought and not cut, cut, thought and cut, called)
 
     def __add__(self, other: "Emptiness") -> "Emptiness":
         return Emptiness(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
@@ -301,6 +304,8 @@ class Emptiness:
         counted = (
             f"all {self.came} replies are empty" if self.whole else f"{self.empty} of {self.came} replies are empty"
         )
+        if self.called:
+            return f"{counted}, and {self.called} of them call a tool: --json-mode tool_call reads the answer there"
         if not self.thought:
             return f"{counted}: the server's log, or a call by hand, says why"
         return (
