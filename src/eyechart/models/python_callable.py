@@ -93,7 +93,9 @@ class PythonCallable:
         """
         several = sum(turn.role != "system" for turn in query.turns) > 1
         if (several or not set(query.pictures) <= set(query.images)) and not _takes_messages(self.ask):
-            raise TypeError("the prompt has several messages, or pictures of its own; let it take them, as (prompt, image, *, messages)")
+            raise TypeError(
+                "the prompt has several messages or pictures: let it take them, as (prompt, image, *, messages)"
+            )
         if self.whole:
             return dict(query.stimulus.images), dict(query.stimulus.state)
         if len(query.images) > 1:
