@@ -50,7 +50,9 @@ def replies(data: bytes) -> None:
 def completions(data: bytes) -> None:
     """Read a chat completion, or a stream of one where the first byte is odd, or a tool call with the second bit."""
     kind = "text/event-stream" if data[:1] and data[0] % 2 else "application/json"
-    reply = read_completion(Response(body=bytearray(data[1:]), status=200, content_type=kind), tool=bool(data[:1] and data[0] & 2))
+    reply = read_completion(
+        Response(body=bytearray(data[1:]), status=200, content_type=kind), tool=bool(data[:1] and data[0] & 2)
+    )
     assert isinstance(reply, Reply)
     assert isinstance(reply.text, str)
 
