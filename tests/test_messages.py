@@ -17,6 +17,7 @@ import banks
 from eyechart import inspect
 from eyechart.bundle import validate, write_bundle
 from eyechart.calls import Emptiness, Query, Reply
+from eyechart.costs import ASSUMED_IN, assumed
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import Camera, FrameBank, Stimulus, encode
 from eyechart.messages import MOST_EXAMPLE_BYTES
@@ -483,3 +484,12 @@ def test_the_pieces_of_a_streamed_tool_call_are_joined() -> None:
         mode = RequestMode("openai:m", base_url=server.base_url, structured="tool_call", stream="usage")
         reply = asyncio.run(_once(Query("", "Go?", Stimulus(), 1), mode))
     assert (reply.text, reply.finish_reason) == ('{"action": "LEFT"}', "stop")
+
+
+def test_an_estimate_counts_the_examples() -> None:
+    """Each is assumed to take as many tokens as a frame's picture, unless a probe measured the prompt."""
+    mode, basis = assumed(RequestMode("openai:m"), 2)
+    assert mode.measured is not None
+    assert mode.measured.prompt_tokens == 3 * ASSUMED_IN
+    assert f"if a call takes {3 * ASSUMED_IN} tokens in" in basis
+    assert assumed(mode, 5)[0] == mode
