@@ -159,6 +159,7 @@ def test_a_picture_of_an_earlier_instant_stands_in_its_turn(tmp_path: Path) -> N
         {"role": "user", "content": [picture(FRONT), words("Now?")]},
     ]
     require_pictured(prompt, seen)
+    assert (prompt.history, PROMPTS["baseline"].history) == (2, 0)
     with pytest.raises(SpecError, match=r"places \{picture:main@-2\}.*2 instants before.*there are \{picture:main\}"):
         require_pictured(prompt, replace(seen, past=seen.past[1:]))
 
@@ -251,7 +252,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 
 def test_an_unknown_camera_is_refused_before_any_call(rig: FrameBank, tmp_path: Path) -> None:
     """The error lists what there is."""
-    for place, lacks in (("lft", "such a camera or example"), ("left@-1", "1 instants before a frame")):
+    for place, lacks in (("lft", "such a camera or example"), ("left@-1", "1 instant before a frame")):
         written(tmp_path, user(f"STOP SLOW STRAIGHT LEFT RIGHT {{picture:{place}}}"))
         with pytest.raises(SpecError, match=lacks) as refused:
             battery.plan(rig.root, ["scripted:constant"], tmp_path / "run", prompt=str(tmp_path / "ask.toml"))

@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-from eyechart.errors import SpecError, did_you_mean, plain_file, raising, read_at_most
+from eyechart.errors import SpecError, counted, did_you_mean, plain_file, raising, read_at_most
 from eyechart.frames import Stimulus, decode
 
 Role = Literal["system", "user", "assistant"]
@@ -171,7 +171,11 @@ def require_placed(messages: Sequence[PromptMessage], seen: Stimulus, who: str) 
     there = [place.written for place in every if place.image(seen) is not None]
     for place in (place for message in messages for place in message.places):
         if place.image(seen) is None:
-            lacks = f"{place.ago} instants before a frame" if place.name in seen.images else "such a camera or example"
+            lacks = (
+                f"{counted(place.ago, 'instant')} before a frame"
+                if place.name in seen.images
+                else "such a camera or example"
+            )
             near = did_you_mean(place.written, there)
             raise SpecError(
                 f"{who} places {place.written}, but there is no picture of {lacks};{near} there are {', '.join(there)}"

@@ -104,6 +104,11 @@ class Prompt:
         named = [match.group(2) for text in texts for match in _FIELD.finditer(text)]
         return tuple(dict.fromkeys(name for name in named if name not in {None, ACTIONS}))
 
+    @property
+    def history(self) -> int:
+        """Return how many instants before a frame its messages show."""
+        return max((place.ago for message in self.messages for place in message.places), default=0)
+
     def render(self, said: Mapping[str, object], actions: Sequence[str]) -> tuple[str, ...]:
         """Return the words about a frame: system and user, or every message's.
 
