@@ -19,7 +19,7 @@ WORDS = st.text(st.characters(exclude_categories=["C"]))
 
 def test_a_query_has_no_field_for_ground_truth() -> None:
     """What a model may see: the words, the picture, a seed for its sampling, and the form of an answer."""
-    assert [field.name for field in fields(Query)] == ["system", "user", "stimulus", "seed", "schema"]
+    assert [field.name for field in fields(Query)] == ["system", "user", "stimulus", "seed", "schema", "messages"]
     with pytest.raises((AttributeError, TypeError)):
         Query("", "", Stimulus(), 0).lead_gap_m = 5.0  # type: ignore[attr-defined]
 

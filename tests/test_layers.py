@@ -28,7 +28,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception", "mpc"),
     ("calls", "conditions", "modes"),
-    ("channels",),
+    ("channels", "messages"),
     ("frames",),
     ("spaces",),
     ("stats", "cameras", "event_loops", "formats"),

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
 from eyechart.frames import Stimulus
+from eyechart.messages import Turn
 from eyechart.seeds import key_seed
 from eyechart.spaces.space import ending
 
@@ -99,7 +100,9 @@ class Query:
 
     ``stimulus`` comes from the condition. ``seed`` comes from the call's key, so a model that
     samples repeats its answer after a resume. ``schema`` is the JSON schema of an answer, for
-    models that enforce one. It is a copy: a change of it affects no other call.
+    models that enforce one. It is a copy: a change of it affects no other call. ``messages`` are
+    the turns of a prompt that has more than a system and a user message; ``system`` and ``user``
+    are then the words of its first, if it is the system's, and of its last.
     """
 
     system: str
@@ -107,6 +110,7 @@ class Query:
     stimulus: Stimulus
     seed: int
     schema: Mapping[str, object] = field(default_factory=lambda: ANY_ACTION, hash=False)
+    messages: tuple[Turn, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "schema", _own(self.schema))
@@ -121,10 +125,26 @@ class Query:
         """Return the picture of the first camera, None without a picture."""
         return next(iter(self.stimulus.images.values()), None)
 
+    @property
+    def turns(self) -> tuple[Turn, ...]:
+        """Return the messages to send, with all pictures in their places."""
+        system = (Turn("system", (self.system,)),) if self.system else ()
+        return self.messages or (*system, Turn("user", (*self.images, self.user)))
+
+    @property
+    def pictures(self) -> tuple[bytes, ...]:
+        """Return all encoded pictures to send, a prompt's examples included, in their order."""
+        return tuple(picture for turn in self.turns for picture in turn.pictures)
+
     def said_by(self, role: str) -> "Query":
         """Return this query; for the role ``user``, with its system text before the user's."""
         if role == "system" or not self.system:
             return self
+        if self.messages:
+            _, first, *others = self.messages
+            opening = [first.opened_by(self.system)] if first.role == "user" else [Turn("user", (self.system,)), first]
+            turns = (*opening, *others)
+            return replace(self, system="", user=turns[-1].words, messages=turns)
         return replace(self, system="", user=f"{self.system}\n\n{self.user}")
 
     def sha256(self) -> str:
@@ -137,6 +157,7 @@ class Query:
             *_bound(self.schema),
             *_stated(seen),
             *(part for one in seen.past for part in (b"past", _pictured(one), *_stated(one))),
+            *(part for turn in self.messages for part in turn.digests()),
         ):
             digest.update(len(part).to_bytes(8, "big"))
             digest.update(part)
@@ -236,6 +257,7 @@ class Emptiness:
     """Counts of replies: ``came``, ``empty`` ones, and empty ones with text in their reasoning.
 
     ``cut`` replies were cut off before their first word, ``cut_thought`` of them during reasoning.
+    ``called`` counts empty replies that call a tool.
     """
 
     came: int = 0
@@ -243,6 +265,7 @@ class Emptiness:
     thought: int = 0
     cut: int = 0
     cut_thought: int = 0
+    called: int = 0
 
     @classmethod
     def of(cls, replies: Iterable[Reply]) -> "Emptiness":
@@ -254,9 +277,10 @@ class Emptiness:
         if reply.error is not None:
             return self
         if reply.text.strip():
-            return Emptiness(self.came + 1, self.empty, self.thought, self.cut, self.cut_thought)
+            return replace(self, came=self.came + 1)
         cut, thought = is_cut(reply), bool(reply.reasoning.strip())
-        return self + Emptiness(1, not cut, thought and not cut, cut, thought and cut)
+        called = not cut and reply.finish_reason == "tool_calls"
+        return self + Emptiness(1, not cut, thought and not cut, cut, thought and cut, called)
 
     def __add__(self, other: "Emptiness") -> "Emptiness":
         return Emptiness(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
@@ -280,6 +304,8 @@ class Emptiness:
         counted = (
             f"all {self.came} replies are empty" if self.whole else f"{self.empty} of {self.came} replies are empty"
         )
+        if self.called:
+            return f"{counted}, and {self.called} of them call a tool: --json-mode tool_call reads the answer there"
         if not self.thought:
             return f"{counted}: the server's log, or a call by hand, says why"
         return (

@@ -316,15 +316,21 @@ def estimate(
 
 
 ASSUMED_IN, ASSUMED_OUT = 1000, 100
-"""The tokens of a call that an estimate assumes where no probe measured the model."""
+"""The tokens of a call that an estimate assumes where no probe measured the model.
+
+Each example picture of a prompt is assumed to take as many more."""
 
 
-def assumed(mode: RequestMode) -> tuple[RequestMode, str]:
-    """Return a mode with the measured or else assumed tokens of a call, and which of the two."""
+def assumed(mode: RequestMode, examples: int = 0) -> tuple[RequestMode, str]:
+    """Return a mode with the measured or else assumed tokens of a call, and which of the two.
+
+    ``examples`` is the number of example pictures in the prompt.
+    """
     if mode.measured is not None:
         return mode, "as measured"
-    guessed = ModeMeasurements(prompt_tokens=ASSUMED_IN, completion_tokens=float(ASSUMED_OUT))
-    return replace(mode, measured=guessed), f"if a call takes {ASSUMED_IN} tokens in and {ASSUMED_OUT} out"
+    tokens = ASSUMED_IN * (1 + examples)
+    guessed = ModeMeasurements(prompt_tokens=tokens, completion_tokens=float(ASSUMED_OUT))
+    return replace(mode, measured=guessed), f"if a call takes {tokens} tokens in and {ASSUMED_OUT} out"
 
 
 def duration(seconds: float) -> str:

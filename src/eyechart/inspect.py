@@ -16,7 +16,14 @@ from eyechart.errors import SourceError, plain_file, read_at_most
 try:
     from inspect_ai import Task, task
     from inspect_ai.dataset import MemoryDataset, Sample
-    from inspect_ai.model import ChatMessageSystem, ChatMessageUser, ContentImage, ContentText, GenerateConfig
+    from inspect_ai.model import (
+        ChatMessageAssistant,
+        ChatMessageSystem,
+        ChatMessageUser,
+        ContentImage,
+        ContentText,
+        GenerateConfig,
+    )
     from inspect_ai.solver import generate
 except ImportError:
     HERE = False
@@ -82,6 +89,9 @@ def _batch(folder: Path) -> str:
 
 def _sample(row: dict[str, Any], folder: Path) -> Any:  # noqa: ANN401 - a Sample of Inspect
     """Return a row as a sample: system words, pictures and user's words, as eyechart does."""
+    if row.get("messages"):
+        turns = [_message(turn, folder) for turn in row["messages"]]
+        return Sample(id=row["call"], input=turns, metadata={"call": row["call"]})
     pictures = [row[name] for name in row if name.partition("@")[0] == "picture" and row[name]]
     content = [*(ContentImage(image=str(folder / name)) for name in pictures), ContentText(text=row["user"])]
     user = ChatMessageUser(content=content if pictures else row["user"])
@@ -90,3 +100,16 @@ def _sample(row: dict[str, Any], folder: Path) -> Any:  # noqa: ANN401 - a Sampl
         input=[*([ChatMessageSystem(content=row["system"])] if row["system"] else []), user],
         metadata={"call": row["call"]},
     )
+
+
+def _message(turn: dict[str, Any], folder: Path) -> Any:  # noqa: ANN401 - a ChatMessage of Inspect
+    """Return a message of a call, with its pictures in their places."""
+    parts = turn["content"]
+    if turn["role"] != "user":
+        kind = ChatMessageSystem if turn["role"] == "system" else ChatMessageAssistant
+        return kind(content="".join(part["text"] for part in parts))
+    content = [
+        ContentText(text=part["text"]) if part["type"] == "text" else ContentImage(image=str(folder / part["image"]))
+        for part in parts
+    ]
+    return ChatMessageUser(content=content)

@@ -25,7 +25,7 @@ Scalar = str | int | float | bool
 TokenField = Literal["max_tokens", "max_completion_tokens"]
 
 TOKEN_FIELDS = ("max_tokens", "max_completion_tokens")
-STRUCTURED = ("none", "json_object", "json_schema")
+STRUCTURED = ("none", "json_object", "json_schema", "tool_call")
 ROLES = ("system", "user")
 ANSWERS = ("text", "reasoning")
 STREAMS = ("none", "usage", "plain")
@@ -106,7 +106,7 @@ class RequestMode:
     key_env: str = ""
     token_field: TokenField = "max_tokens"  # noqa: S105 - the name of a field
     max_tokens: int = 1024
-    structured: Literal["none", "json_object", "json_schema"] = "none"
+    structured: Literal["none", "json_object", "json_schema", "tool_call"] = "none"
     temperature: float | None = 0.0
     seed: bool = False
     timeout_s: float = 120.0

@@ -7,16 +7,25 @@ columns of its bank.
 """
 
 import hashlib
+import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 from eyechart.calls import ANY_ACTION, Query
 from eyechart.cameras import Distances
-from eyechart.errors import SpecError, require_known
+from eyechart.errors import SpecError, raising, require_known
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
+from eyechart.messages import (
+    PromptMessage,
+    conversation,
+    has_place,
+    messages_from,
+    read_messages,
+    require_placed,
+)
 from eyechart.perception.view import View
 from eyechart.records import build, to_json_fields
 from eyechart.spaces.declared import AnswerSpace, answer_from
@@ -40,7 +49,9 @@ class Prompt:
 
     In a ``template``, ``{column}`` stands for a frame's value in that prompt column, ``{actions}``
     for the actions' names, and ``{{word}}`` for ``{word}``; other braces stay. ``space`` is the
-    prompt's own actions or a scene estimate; None means the bank's actions.
+    prompt's own actions or a scene estimate; None means the bank's actions. ``messages`` are all
+    turns of a prompt with more than these two, or with places for pictures; then ``system`` and
+    ``user`` are the text of the first, if it is the system's, and of the last.
     """
 
     name: str
@@ -48,6 +59,14 @@ class Prompt:
     user: str
     template: bool = False
     space: AnySpace | None = None
+    messages: tuple[PromptMessage, ...] = ()
+
+    @classmethod
+    def of(cls, name: str, messages: tuple[PromptMessage, ...], space: AnySpace | None = None) -> "Prompt":
+        """Return a template with these messages; the last one is the user's."""
+        first, last = messages[0], messages[-1]
+        system = first.text if first.role == "system" else ""
+        return cls(name, system, last.text, template=True, space=space, messages=messages)
 
     def asks(self, space: Discrete) -> AnySpace:
         """Return the space of its answers, given the actions of the bank or world."""
@@ -74,6 +93,8 @@ class Prompt:
         wording = f"{self.system}\x1f{self.user}"
         if self.space is not None:
             wording += f"\x1f{self.space.wording()}"
+        if self.messages:
+            wording += f"\x1f{json.dumps([message.wording() for message in self.messages])}"
         return f"{self.name}@{hashlib.sha256(wording.encode()).hexdigest()[:8]}"
 
     @property
@@ -81,33 +102,63 @@ class Prompt:
         """Return the prompt columns that it uses, in order."""
         if not self.template:
             return ()
-        named = [match.group(2) for text in (self.system, self.user) for match in _FIELD.finditer(text)]
+        texts = [text for message in self.messages for text in message.texts] or [self.system, self.user]
+        named = [match.group(2) for text in texts for match in _FIELD.finditer(text)]
         return tuple(dict.fromkeys(name for name in named if name not in {None, ACTIONS}))
 
-    def render(self, said: Mapping[str, object], actions: Sequence[str]) -> tuple[str, str]:
-        """Return the system and user message about a frame; ``said`` holds its columns' values."""
-        if not self.template:
-            return self.system, self.user
+    @property
+    def history(self) -> int:
+        """Return how many instants before a frame its messages show."""
+        return max((place.ago for message in self.messages for place in message.places), default=0)
+
+    def render(self, said: Mapping[str, object], actions: Sequence[str]) -> tuple[str, ...]:
+        """Return the words about a frame: system and user, or every message's.
+
+        ``said`` holds the values of the frame's columns.
+        """
+        fill = self._filling(said, actions)
+        if self.messages:
+            return tuple("".join(map(fill, message.texts)) for message in self.messages)
+        return fill(self.system), fill(self.user)
+
+    def _filling(self, said: Mapping[str, object], actions: Sequence[str]) -> Callable[[str], str]:
+        """Return the function that replaces the fields in a text."""
         values = {**said, ACTIONS: ", ".join(actions)}
 
         def fill(match: re.Match[str]) -> str:
             return f"{{{match.group(1)}}}" if match.group(1) else str(values[match.group(2)])
 
-        return _FIELD.sub(fill, self.system), _FIELD.sub(fill, self.user)
+        return lambda text: _FIELD.sub(fill, text) if self.template else text
 
     def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
         """Return the query for a stimulus and an answer in ``space``; every Query is built here."""
         state = {name: ", ".join(f"{number:g}" for number in numbers) for name, numbers in seen.state.items()}
-        words = self.render({**seen.fields, **state}, () if space is None else space.choices)
-        return Query(*words, seen, seed, ANY_ACTION if space is None else space.schema())
+        fill = self._filling({**seen.fields, **state}, () if space is None else space.choices)
+        schema = ANY_ACTION if space is None else space.schema()
+        if not self.messages:
+            return Query(fill(self.system), fill(self.user), seen, seed, schema)
+        turns = conversation(self.messages, seen, fill)
+        system = turns[0].words if turns[0].role == "system" else ""
+        return Query(system, turns[-1].words, seen, seed, schema, messages=turns)
 
     def as_dict(self) -> dict[str, object]:
         """Return the wording and its key as plain JSON values."""
         return {
             **to_json_fields(self, "name system user template" if self.template else "name system user"),
             **({} if self.space is None else self.space.written()),
+            **({"messages": [message.as_dict() for message in self.messages]} if self.messages else {}),
             "key": self.key,
         }
+
+    def wording(self) -> dict[str, object]:
+        """Return what `as_dict` does, with the name of each example picture in place of its bytes."""
+        messages = [replace(message, pictures=()) for message in self.messages]
+        files = [[one.file for one in message.pictures] for message in self.messages]
+        told = [
+            {**message.as_dict(), **({"pictures": names} if names else {})}
+            for message, names in zip(messages, files, strict=True)
+        ]
+        return {**self.as_dict(), **({"messages": told} if told else {})}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, object]) -> "Prompt":
@@ -126,6 +177,7 @@ class Prompt:
             user=str(values["user"]),
             template=values.get("template") is True,
             space=space,
+            messages=messages_from(values["messages"]) if "messages" in values else (),
         )
         if values.get("key", prompt.key) != prompt.key:
             raise SpecError(f"the wording of prompt '{prompt.name}' has key {prompt.key}, not {values['key']}")
@@ -217,16 +269,19 @@ def find_prompt(name: str, axis: MirrorAxis = "vertical") -> Prompt:
 
 
 def read_prompt(path: Path) -> Prompt:
-    """Read a prompt from a TOML file with user and optional name, system, action_space and answer.
+    """Read a prompt from a TOML file with user, or messages, and optional other keys.
 
     Raises SpecError naming the file and the fault.
     """
     values = read_toml(path)
-    known = ("name", "system", "user", "action_space", "answer")
+    known = ("name", "system", "user", "messages", "action_space", "answer")
     for key in values:
         if key not in known:
             raise SpecError(f"{path}: a prompt has no '{key}'; it has {', '.join(known)}")
-    words = {"name": path.stem, "system": "", **values}
+    several = values.get("messages")
+    if several is not None and values.keys() & {"system", "user"}:
+        raise SpecError(f"{path}: [[messages]] take the place of system and user: write these as messages too")
+    words = {"name": path.stem, "system": "", **({} if several is None else {"user": "..."}), **values}
     for key in ("name", "system", "user"):
         if not isinstance(words.get(key), str):
             raise SpecError(f"{path}: '{key}' must be a text; write for example {key} = \"...\"")
@@ -238,7 +293,18 @@ def read_prompt(path: Path) -> Prompt:
     asked = None if space is None else space_from(space, str(path), name)
     if "answer" in values:
         asked = answer_from(values["answer"], str(path), name, asked)
-    return Prompt(name, str(words["system"]), user, template=True, space=asked)
+    if several is None:
+        return _prompt_of_two(path, name, (str(words["system"]), user), asked)
+    return Prompt.of(name, read_messages(several, path), asked)
+
+
+def _prompt_of_two(path: Path, name: str, said: tuple[str, str], space: AnySpace | None) -> Prompt:
+    """Return a prompt of a system and a user message; with places for pictures, it has messages."""
+    with raising(SpecError, str(path), of=SpecError):
+        if not any(map(has_place, said)):
+            return Prompt(name, *said, template=True, space=space)
+    written = [{"role": role, "text": text} for role, text in zip(("system", "user"), said, strict=True) if text]
+    return Prompt.of(name, read_messages(written, path), space)
 
 
 def neutral(picture: str, space: Discrete) -> Prompt:
@@ -311,6 +377,11 @@ def scene_prompt(picture: str, distances: Distances, view: View | None) -> Promp
         "ahead the ground is. You drive into the picture; the coloured cylinders are obstacles."
     )
     return _scene("scene_forward", opening, "metres to the nearest obstacle", distances)
+
+
+def require_pictured(prompt: Prompt, seen: Stimulus) -> None:
+    """Raise SpecError if a prompt places a picture that ``seen``, as of every frame, lacks."""
+    require_placed(prompt.messages, seen, f"prompt '{prompt.name}'")
 
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:

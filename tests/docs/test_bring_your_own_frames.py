@@ -4,13 +4,14 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.main import get_command
 
 import photographs
 from eyechart.calls import Reply
 from eyechart.cli.app import app
-from eyechart.frames import open_bank
+from eyechart.frames import encode, open_bank
 from eyechart.importing.columns import ROLES, read_rig
 from eyechart.prompts import read_prompt
 from eyechart.spaces.discrete import DRIVING, read_space
@@ -38,7 +39,7 @@ def test_its_commands_and_options_exist() -> None:
 
 def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The TOML files are read, and the Python makes a bank with nothing missing."""
-    rig, motion, _, space, prompt, *_ = blocks("toml")
+    rig, motion, _, space, prompt, placed, several, *_ = blocks("toml")
     (tmp_path / "rig.toml").write_text(rig)
     left, right = read_rig(tmp_path / "rig.toml").cameras
     assert (left.name, left.mirrors) == ("left_wrist", right.name)
@@ -50,6 +51,11 @@ def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monke
     (tmp_path / "ask.toml").write_text(prompt)
     assert read_space(tmp_path / "rover.toml").brake == ("HALT", "CRAWL")
     assert read_prompt(tmp_path / "ask.toml").fields == ("speed",)
+    (tmp_path / "placed.toml").write_text(placed)
+    assert [place.name for place in read_prompt(tmp_path / "placed.toml").messages[0].places] == ["left", "front"]
+    (tmp_path / "near.png").write_bytes(encode(np.zeros((8, 8, 3), dtype=np.uint8)))
+    (tmp_path / "few-shot.toml").write_text(several)
+    assert len(read_prompt(tmp_path / "few-shot.toml").messages) == 4
     rows = photographs.rows()
     photographs.take(tmp_path / "photos", rows)
     (tmp_path / "photos.csv").write_text(photographs.as_csv(rows))

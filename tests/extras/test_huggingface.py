@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from doors import assert_keeps_the_door
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, Stimulus
+from eyechart.messages import Turn
 from eyechart.models import huggingface, open_model
 from eyechart.models.huggingface import HuggingFaceModel, generation, organisms
 from eyechart.modes import RequestMode
@@ -96,6 +98,35 @@ def test_a_batch_changes_no_greedy_answer(bank: FrameBank, prompt: str) -> None:
     for batch in (7, 64):
         assert together(opened("organism:grounded", options={"batch": batch}), asked) == alone
     assert all(reply.error is None and reply.finish_reason == "stop" for reply in alone)
+
+
+def test_turns_and_pictures_between_words_reach_the_model_in_their_order(bank: FrameBank) -> None:
+    """The template's text has each turn, and the pixels are those of each picture alone, in order."""
+    first, last = (bank.image(frame) for frame in (bank.frames[0], bank.frames[-1]))
+    turns = (Turn("user", ("One", first, "two")), Turn("assistant", ("STOP",)), Turn("user", (last, "three")))
+    model = opened("organism:grounded")
+    asked = [Query("", "three", Stimulus(), number, messages=turns) for number in range(2)]
+    encoded = model._speaker._encode(asked)
+    text = re.sub(r"(<[^>]+>\s*)+", " <> ", model._speaker._reader.decode(encoded["input_ids"][1]))
+    assert text.split() == [
+        "<>",
+        "User:",
+        "One",
+        "<>",
+        "two",
+        "<>",
+        "Assistant:",
+        "STOP",
+        "<>",
+        "User:",
+        "<>",
+        "three",
+        "<>",
+        "Assistant:",
+    ]
+    alone = [model._speaker._encode([Query("", "?", Stimulus.of(one), 0)])["pixel_values"][0] for one in (first, last)]
+    assert encoded["pixel_values"][1].tolist() == [pixels.tolist() for (pixels,) in alone]
+    assert [reply.error for reply in together(model, asked)] == [None, None]
 
 
 def test_a_batch_and_its_order_change_no_drawn_answer(bank: FrameBank) -> None:

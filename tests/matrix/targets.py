@@ -48,9 +48,11 @@ def replies(data: bytes) -> None:
 
 
 def completions(data: bytes) -> None:
-    """Read a chat completion, or a stream of one where the first byte is odd."""
+    """Read a chat completion, or a stream of one where the first byte is odd, or a tool call with the second bit."""
     kind = "text/event-stream" if data[:1] and data[0] % 2 else "application/json"
-    reply = read_completion(Response(body=bytearray(data[1:]), status=200, content_type=kind))
+    reply = read_completion(
+        Response(body=bytearray(data[1:]), status=200, content_type=kind), tool=bool(data[:1] and data[0] & 2)
+    )
     assert isinstance(reply, Reply)
     assert isinstance(reply.text, str)
 
@@ -81,7 +83,7 @@ def modes(data: bytes) -> None:
 
 
 def prompts(data: bytes) -> None:
-    """Read a prompt with its actions."""
+    """Read a prompt with its actions, or with its messages."""
     read_prompt(put("prompt.toml", data))
 
 

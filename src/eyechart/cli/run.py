@@ -121,7 +121,7 @@ def prompts(
     ] = None,
     budget: Annotated[list[int] | None, typer.Option(min=1, help="Tokens of a reply; repeat to compare.")] = None,
     json_mode: Annotated[
-        list[str] | None, typer.Option(help="none, json_object or json_schema; repeat to compare.")
+        list[str] | None, typer.Option(help="none, json_object, json_schema or tool_call; repeat to compare.")
     ] = None,
     conditions: Annotated[
         str, typer.Option(help="Conditions with commas; real_repeat adds s and IDI_adj; 'all': a battery.")

@@ -28,7 +28,7 @@ from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import EpisodeView, Setup
 from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, counted, printable, raising, suggestion
 from eyechart.event_loops import asyncio, to_its_end
-from eyechart.frames import alone
+from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
 from eyechart.manifest import (
@@ -51,7 +51,7 @@ from eyechart.perception.view import NONE, View, through
 from eyechart.planned_run import Bar, PlannedRun, RunAllowance, RunEnding, aside, empty, forecast, unasked
 from eyechart.policies import Policy, is_policy, open_policy
 from eyechart.policies.baselines import Marginal, drawn_like
-from eyechart.prompts import Prompt, find_prompt, neutral
+from eyechart.prompts import Prompt, find_prompt, neutral, require_pictured
 from eyechart.simulators import Declaration, open_simulator
 from eyechart.spaces.discrete import DRIVING, read_toml
 
@@ -330,6 +330,7 @@ def _prompt_for(world: Declaration, name: str | None) -> Prompt:
             f"the answers of prompt '{name}' are not the actions of this world; it executes {', '.join(known)}: "
             "give its answer one field of kind name without values"
         )
+    require_pictured(prompt, Stimulus.of(b"a picture"))
     said = " ".join(prompt.render({}, world.action_space.actions)).upper()
     if unsaid := [action for action in world.action_space.actions if action.upper() not in said]:
         raise SpecError(f"prompt '{name}' does not name {', '.join(unsaid)}; give one that does with --prompt")

@@ -99,7 +99,7 @@ def _spreads(bank: FrameBank, space: MotionSpace) -> Iterator[str]:
     frames = logs(bank)
     if not frames:
         return
-    compared = relative_log(frames, space).reshape(-1, space.columns)
+    compared = relative_log(frames, space).reshape(-1, space.width)
     numbers = {place: compared[:, column] for column, place in enumerate(space.plain)}
     spreads = {place: float(one.std()) for place, one in numbers.items() if space.dimensions[place].scale is None}
     if still := [place for place, spread in spreads.items() if spread <= ONE_VALUE]:

@@ -106,7 +106,8 @@ class ModelLook:
         spec = self.wanted.spec
         settled = planned.progress()[spec].stopped is not None
         left = 0 if settled else planned.left() + planned.more_by_model()[spec]
-        mode, basis = assumed(planned.manifest.mode(spec))
+        examples = sum(len(message.pictures) for message in planned.plan.prompt.messages)
+        mode, basis = assumed(planned.manifest.mode(spec), examples)
         expected = estimate(mode, left + more, self._prices, concurrency=AT_ONCE, at_most=True)
         usual = None if planned.counts()[1] else planned.typical().get("image_invariant")
         self.watch.agree(Bill(mode, expected, basis, usual))

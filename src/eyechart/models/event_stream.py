@@ -129,8 +129,30 @@ def _add(event: dict[str, object], words: dict[str, list[str]], choice: dict[str
     # An abnormal end stays.
     if mine.get("finish_reason") and choice.get("finish_reason", "stop") == "stop":
         choice["finish_reason"] = mine["finish_reason"]
-    choice |= {name: delta[name] for name in _CALLS if isinstance(delta, dict) and delta.get(name)}
+    if isinstance(delta, dict) and delta.get("function_call"):
+        choice["function_call"] = delta["function_call"]
+    if isinstance(delta, dict) and delta.get("tool_calls"):
+        calls = _joined(choice.get("tool_calls"), delta["tool_calls"])
+        choice["tool_calls"] = calls
     return any(said.values())
+
+
+def _joined(calls: object, more: object) -> list[dict[str, object]]:
+    """Return tool calls with the next pieces of their arguments, each joined by its index."""
+    result: dict[int, dict[str, object]] = dict(enumerate(calls)) if isinstance(calls, list) else {}
+    for place, piece in enumerate(more if isinstance(more, list) else [more]):
+        number = piece.get("index") if isinstance(piece, dict) else None
+        at = number if isinstance(number, int) else place
+        before, given = arguments_of(result.get(at)), arguments_of(piece)
+        both = isinstance(before, str) and isinstance(given, str)
+        result[at] = {"function": {"arguments": f"{before}{given}" if both else before if given is None else given}}
+    return list(result.values())
+
+
+def arguments_of(call: object) -> object:
+    """Return the arguments of a tool call as the server sent them, None without any."""
+    function = call.get("function") if isinstance(call, dict) else None
+    return function.get("arguments") if isinstance(function, dict) else None
 
 
 def _said(delta: dict[str, object]) -> dict[str, str]:

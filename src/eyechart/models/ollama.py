@@ -12,7 +12,7 @@ import re
 import threading
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
@@ -20,6 +20,7 @@ import orjson
 
 from eyechart.calls import Query, Reply, answer_from_reasoning
 from eyechart.errors import SpecError
+from eyechart.messages import Turn
 from eyechart.models import HERE, WEIGHTS_GB, machine_of, require_options
 from eyechart.models.energy import metered
 from eyechart.models.http import (
@@ -46,6 +47,9 @@ OPTIONS = {
 _ASKING_S = 10.0
 _UNLOADING_S = 3.0
 _SEEDS = 2**31
+_MARK = "[img]"
+_RENDERER = re.compile(r"^RENDERER\s+(\S+)", re.MULTILINE)
+"""A model file names a built-in renderer of prompts, which ignores marks, where it has no template."""
 _LOST = re.compile(r"\bmodel\b.*\bnot found\b", re.IGNORECASE | re.DOTALL)
 
 
@@ -63,7 +67,10 @@ class Ollama:
     async def answer(self, query: Query) -> Reply:
         """Answer one query. A failure is a Reply with its kind."""
         self.loaded = True
-        payload = orjson.dumps(_asked(self.name, query.said_by(self.mode.system), self.mode))
+        turns = query.said_by(self.mode.system).turns
+        if words := _unplaceable(turns, renders="renderer" in self.facts):
+            return Reply(error="exception", error_detail=words)
+        payload = orjson.dumps(_asked(self.name, query, turns, self.mode))
         call = self._send(payload)
         return await metered(call) if self.mode.options.get("energy") else await call
 
@@ -92,6 +99,8 @@ class Ollama:
 def open_model(name: str, mode: RequestMode) -> Ollama:
     """Open a model with the server's facts of it; raises SpecError without the server or model."""
     require_options(mode, OPTIONS)
+    if mode.structured == "tool_call":
+        raise SpecError(f"'{mode.spec}' cannot be made to call a tool: Ollama binds an answer by json_schema")
     base_url = (mode.base_url or BASE_URL).rstrip("/")
     headers = mode.header_values()
     secrets = tuple(
@@ -222,6 +231,7 @@ def _facts(name: str, tags: Mapping[str, object], shown: Mapping[str, object]) -
         "template": template,
         "template_sha256": hashlib.sha256(template.encode()).hexdigest() if template else "",
         "parameters": _text(shown, "parameters"),
+        "renderer": _text(shown, "renderer") or "".join(_RENDERER.findall(_text(shown, "modelfile"))[:1]),
     }
     stored = mine.get("size")
     if isinstance(stored, int) and stored > 0:
@@ -237,10 +247,31 @@ def _text(values: Mapping[str, object], name: str) -> str:
     return found[:20_000] if isinstance(found, str) else ""
 
 
-def _asked(name: str, query: Query, mode: RequestMode) -> dict[str, object]:
-    user: dict[str, object] = {"role": "user", "content": query.user}
-    if query.images:
-        user["images"] = [base64.b64encode(image).decode() for image in query.images]
+def _unplaceable(turns: Sequence[Turn], *, renders: bool) -> str:
+    """Return why Ollama would move a picture out of its place between words; "" if it does not."""
+    between = [turn for turn in turns if not _is_before(turn)]
+    if between and renders:
+        return "Ollama puts this model's pictures before the words of their message: place them there in the prompt"
+    if any(_MARK in turn.words for turn in between):
+        return f"the words of the prompt hold {_MARK}, which is Ollama's mark for the place of a picture"
+    return ""
+
+
+def _is_before(turn: Turn) -> bool:
+    """Return whether all pictures of a turn come before its words."""
+    return turn.parts[: len(turn.pictures)] == turn.pictures
+
+
+def _message(turn: Turn) -> dict[str, object]:
+    """Return a message. Ollama replaces each mark in its words by one of its pictures, in order."""
+    marked = "".join(part if isinstance(part, str) else _MARK for part in turn.parts)
+    message: dict[str, object] = {"role": turn.role, "content": turn.words if _is_before(turn) else marked}
+    if turn.pictures:
+        message["images"] = [base64.b64encode(picture).decode() for picture in turn.pictures]
+    return message
+
+
+def _asked(name: str, query: Query, turns: Sequence[Turn], mode: RequestMode) -> dict[str, object]:
     options: dict[str, object] = {"num_predict": mode.max_tokens}
     if mode.temperature is not None:
         options["temperature"] = mode.temperature
@@ -252,10 +283,12 @@ def _asked(name: str, query: Query, mode: RequestMode) -> dict[str, object]:
     more = given.pop("options", {})
     asked = {
         "model": name,
-        "messages": [*([{"role": "system", "content": query.system}] if query.system else []), user],
+        "messages": list(map(_message, turns)),
         "stream": True,
         "options": options | (dict(more) if isinstance(more, Mapping) else {}),
     }
+    if query.messages:
+        asked["truncate"] = False  # else Ollama silently drops the first messages of a long prompt
     asked |= {option: mode.options[option] for option in ("think", "keep_alive") if option in mode.options}
     if mode.structured != "none":
         asked["format"] = "json" if mode.structured == "json_object" else query.schema

@@ -15,9 +15,18 @@ import orjson
 from eyechart.calls import BLOCKED, REFUSED, Query, Reply, answer_from_reasoning
 from eyechart.errors import SpecError
 from eyechart.frames import media_type
+from eyechart.messages import Part, Turn
 from eyechart.models import require_options
 from eyechart.models.energy import metered
-from eyechart.models.event_stream import first_words_s, gather, is_stream, refusal_of, require_text, text_of
+from eyechart.models.event_stream import (
+    arguments_of,
+    first_words_s,
+    gather,
+    is_stream,
+    refusal_of,
+    require_text,
+    text_of,
+)
 from eyechart.models.faults import WITHIN, kind_of_status, with_proof
 from eyechart.models.http import (
     Endpoint,
@@ -49,6 +58,8 @@ _NO_SYSTEM = re.compile(
 """How servers say that they take no system role."""
 _NOBODY = {"missing_model", "unreadable", "gateway", "bad_request"}
 """The failures of an address without chat completions."""
+TOOL = "decide"
+_TOOL_DOES = "Give the answer."
 _SEEDS = 2**31
 """Some servers keep a seed in 32 bits."""
 
@@ -72,7 +83,7 @@ class OpenAICompatible:
 
     async def _send(self, payload: bytes) -> Reply:
         came = await self.endpoint.post(_PATH, payload)
-        reply = came.failure() if came.error else _read(came)
+        reply = came.failure() if came.error else _read(came, tool=self.mode.structured == "tool_call")
         if self.mode.answer == "reasoning":
             reply = answer_from_reasoning(reply)
         return self.endpoint.scrubbed(_hinted(reply, self.mode) if reply.error else reply)
@@ -134,11 +145,7 @@ def _in_the_clear(base_url: str, key: str) -> list[str]:
 
 def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
     """Return the part of a request that depends on the query."""
-    urls = [f"data:{media_type(image)};base64,{base64.b64encode(image).decode()}" for image in query.images]
-    content: list[dict[str, object]] = [{"type": "image_url", "image_url": {"url": url}} for url in urls]
-    content.append({"type": "text", "text": query.user})
-    system = [{"role": "system", "content": query.system}] if query.system else []
-    asked: dict[str, object] = {"messages": [*system, {"role": "user", "content": content}]}
+    asked: dict[str, object] = {"messages": list(map(_message, query.turns))}
     if mode.seed:
         asked["seed"] = query.seed % _SEEDS
     if mode.stream != "none":
@@ -150,6 +157,10 @@ def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
     elif mode.structured == "json_schema":
         schema = {"name": "decision", "strict": True, "schema": query.schema}
         asked["response_format"] = {"type": "json_schema", "json_schema": schema}
+    elif mode.structured == "tool_call":
+        function = {"name": TOOL, "description": _TOOL_DOES, "strict": True, "parameters": query.schema}
+        asked["tools"] = [{"type": "function", "function": function}]
+        asked["tool_choice"] = {"type": "function", "function": {"name": TOOL}}
     return asked
 
 
@@ -160,27 +171,44 @@ def read_completion(body: Mapping[str, object], status: int) -> Reply:
     """
     came = Response(bytearray(orjson.dumps(body)), status)
     if status == 200:
-        reply = _read(came)
+        reply = _read(came, tool=False)
     else:
         kind, words = kind_of_status(status, body), words_of(body)
         reply = came.failure(kind, with_proof(words, status, body) if kind == "bad_request" else words)
     return replace(reply, seconds=None, payload_bytes=None, payload_sha256=None)
 
 
-def _read(came: Response) -> Reply:
-    """Read a body of status 200, streamed or not; a body of another shape is a failure."""
+def _message(turn: Turn) -> dict[str, object]:
+    """Return a message; only the user's content is a list of parts."""
+    if turn.role != "user":
+        return {"role": turn.role, "content": turn.words}
+    return {"role": turn.role, "content": list(map(_content, turn.parts))}
+
+
+def _content(part: Part) -> dict[str, object]:
+    if isinstance(part, str):
+        return {"type": "text", "text": part}
+    url = f"data:{media_type(part)};base64,{base64.b64encode(part).decode()}"
+    return {"type": "image_url", "image_url": {"url": url}}
+
+
+def _read(came: Response, *, tool: bool) -> Reply:
+    """Read a body of status 200, streamed or not; a body of another shape is a failure.
+
+    ``tool``: the answer is in the arguments of the function that the request offers.
+    """
     if is_stream(came):
-        return _read_stream(came)
+        return _read_stream(came, tool=tool)
     try:
         body = read_json(came.body)
     except ValueError as error:
         return came.failure("unreadable", f"{unlike_json(came)}: {error}")
     if not isinstance(body, dict):
         return came.failure("unreadable", f"the body is no JSON object but {type(body).__name__}")
-    return _read_body(came, body)
+    return _read_body(came, body, tool=tool)
 
 
-def _read_stream(came: Response) -> Reply:
+def _read_stream(came: Response, *, tool: bool) -> Reply:
     """Read a stream of events; its first byte counts from its first words."""
     try:
         streamed = gather(came)
@@ -190,10 +218,10 @@ def _read_stream(came: Response) -> Reply:
     if not streamed.whole and not streamed.body.get("error"):
         return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
     counted: dict[str, object] = {"choices": []} if "usage" in streamed.body else {}
-    return _read_body(came, {**counted, **streamed.body})
+    return _read_body(came, {**counted, **streamed.body}, tool=tool)
 
 
-def _read_body(came: Response, body: dict[str, object]) -> Reply:
+def _read_body(came: Response, body: dict[str, object], *, tool: bool) -> Reply:
     if body.get("error"):
         return _failed(came, body["error"])
     choices = body.get("choices")
@@ -209,7 +237,8 @@ def _read_body(came: Response, body: dict[str, object]) -> Reply:
         require_text(message.get("content"))
     except ValueError as error:
         return came.failure("unreadable", str(error))
-    return came.reply(_reply(body, choice, message))
+    reply = _reply(body, choice, message)
+    return came.reply(_from_tool(reply, message) if tool else reply)
 
 
 def _hinted(reply: Reply, mode: RequestMode) -> Reply:
@@ -282,6 +311,25 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
         system_fingerprint=fingerprint,
         cost_usd=number_of(usage.get("cost")),
     )
+
+
+def _from_tool(reply: Reply, message: dict[str, object]) -> Reply:
+    """Return a reply with the arguments of its one tool call as its text.
+
+    Text beside the call counts as reasoning. A reply without a call is unchanged, and so is one
+    with different calls, whose finish reason is ``tool_calls``.
+    """
+    calls = message.get("tool_calls")
+    said = set(map(_arguments, calls)) - {""} if isinstance(calls, list) else set[str]()
+    if reply.finish_reason != "tool_calls" or len(said) != 1:
+        return reply
+    return replace(reply, text=said.pop(), reasoning=reply.reasoning or reply.text, finish_reason="stop")
+
+
+def _arguments(call: object) -> str:
+    """Return the arguments of a tool call as JSON text; "" without any."""
+    given = arguments_of(call)
+    return given if isinstance(given, str) else "" if given is None else words_of([given])[1:-1]
 
 
 def _beside(body: dict[str, object], message: dict[str, object]) -> str | None:

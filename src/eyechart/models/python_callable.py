@@ -2,7 +2,8 @@
 
 The callable takes ``(prompt: str, image: bytes | None)``, with the picture as PNG or JPEG bytes, or
 ``(prompt, images, state)``, with pictures by camera and numbers by name. It returns the answer as
-text, or a Reply with more (tokens, finish reason). It may be asynchronous; else it runs in threads,
+text, or a Reply with more (tokens, finish reason). With a further parameter ``messages`` it also
+gets every turn of the prompt. It may be asynchronous; else it runs in threads,
 in parallel. No call begins while 16 calls past their time limit still run.
 """
 
@@ -24,6 +25,7 @@ import numpy as np
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError, raising
+from eyechart.messages import Turn
 from eyechart.models import require_options
 from eyechart.models.energy import metered
 from eyechart.models.sources import facts_of, version_of
@@ -65,9 +67,10 @@ class PythonCallable:
 
     async def _call(self, query: Query) -> Reply:
         prompt = f"{query.system}\n\n{query.user}" if query.system else query.user
+        more = {"messages": list(map(_message, query.turns))} if _takes_messages(self.ask) else {}
         try:
             async with asyncio.timeout(self.mode.timeout_s) as limit:
-                said = await self._ask(prompt, *self._seen(query))
+                said = await self._ask(prompt, *self._seen(query), **more)
         except NotCalledError as error:
             return Reply(error="not_called", error_detail=str(error))
         except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
@@ -85,8 +88,14 @@ class PythonCallable:
     def _seen(self, query: Query) -> tuple[object, ...]:
         """Return the arguments after the prompt, as copies that the callable may change.
 
-        Raises TypeError where a callable of one image would miss a camera.
+        Raises TypeError where a callable of one image would miss a camera, or one without
+        ``messages`` a turn.
         """
+        several = sum(turn.role != "system" for turn in query.turns) > 1
+        if (several or not set(query.pictures) <= set(query.images)) and not _takes_messages(self.ask):
+            raise TypeError(
+                "the prompt has several messages or pictures: let it take them, as (prompt, image, *, messages)"
+            )
         if self.whole:
             return dict(query.stimulus.images), dict(query.stimulus.state)
         if len(query.images) > 1:
@@ -94,10 +103,10 @@ class PythonCallable:
             raise TypeError(f"it takes one image and the frame has {cameras}; let it take (prompt, images, state)")
         return (query.image,)
 
-    async def _ask(self, *given: object) -> object:
+    async def _ask(self, *given: object, **more: object) -> object:
         if inspect.iscoroutinefunction(self.ask) or inspect.iscoroutinefunction(type(self.ask).__call__):
-            return await self.ask(*given)  # type: ignore[misc]
-        return await in_thread(partial(self.ask, *given), self.left)
+            return await self.ask(*given, **more)  # type: ignore[misc]
+        return await in_thread(partial(self.ask, *given, **more), self.left)
 
     async def close(self) -> None:
         """Do nothing: there is nothing to release."""
@@ -357,8 +366,21 @@ def _takes_all(ask: Ask, name: str) -> bool:
             "'look --dataset FOLDER', or a bank with --frames ('eyechart frames build tabletop --out bank' makes one)"
         )
     with raising(SpecError, f"'python:{name}' must take (prompt, image) or (prompt, images, state)", of=TypeError):
-        signature.bind("", None)
+        signature.bind("", None, **({"messages": []} if _takes_messages(ask) else {}))
     return False
+
+
+def _takes_messages(ask: Ask) -> bool:
+    """Return whether a callable has a parameter for the turns of a prompt."""
+    try:
+        return "messages" in inspect.signature(ask).parameters
+    except (TypeError, ValueError):
+        return False  # a builtin without a signature
+
+
+def _message(turn: Turn) -> dict[str, object]:
+    """Return a turn for a callable: its role, and a list of words and encoded pictures."""
+    return {"role": turn.role, "content": list(turn.parts)}
 
 
 def names() -> dict[str, str]:

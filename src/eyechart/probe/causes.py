@@ -101,7 +101,7 @@ def _beside_the_text(sight: SightAnswers) -> list[str]:
     if tools:
         result.append(
             f"{tools} of {len(came)} replies call a tool, although none is offered, and hold the answer in tool_calls. "
-            "Switch the tool parser or the chat template's tools off at the server"
+            "Switch the tool parser or the chat template's tools off at the server, or use --json-mode tool_call"
         )
     if declined:
         result.append(f"{declined} of {len(came)} replies refuse to answer (the field 'refusal')")

@@ -42,7 +42,8 @@ class Sample:
     def wants_json(self) -> bool:
         """Return whether every prompt asks for JSON."""
         asked = (self.query(number) for number in range(len(self.asked)))
-        return all(re.search(r"\bjson\b", f"{one.system} {one.user}", re.IGNORECASE) for one in asked)
+        said = (" ".join(turn.words for turn in one.turns) for one in asked)
+        return all(re.search(r"\bjson\b", words, re.IGNORECASE) for words in said)
 
     def decided(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""

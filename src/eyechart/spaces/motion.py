@@ -244,7 +244,7 @@ class MotionSpace(SpaceDefaults):
         return found
 
     @property
-    def columns(self) -> int:
+    def width(self) -> int:
         """Return how many numbers a step has as motions are compared (`relative`)."""
         return sum(map(len, self.parts.values()))
 
@@ -376,7 +376,7 @@ class MotionSpace(SpaceDefaults):
 
     def spreads(self, numbers: Floats) -> Floats:
         """Return the spread of each column of compared motions (…, columns); a rotation has one."""
-        spread = np.asarray(numbers.reshape(-1, self.columns).std(axis=0))
+        spread = np.asarray(numbers.reshape(-1, self.width).std(axis=0))
         for many in self.parts.values():
             if len(many) == MATRIX:
                 spread[list(many)] = np.sqrt((spread[list(many)] ** 2).sum() / FREEDOM)
@@ -411,7 +411,7 @@ class MotionSpace(SpaceDefaults):
         """Return the root mean square difference over steps and dimensions, in units of scale."""
         apart = (self.relative(one.array, None) - self.relative(other.array, None)) / self.scales()
         count = len(self.plain) + FREEDOM * len(self.rotations_of("motion"))
-        if self.columns == count:
+        if self.width == count:
             return float(np.sqrt(np.mean(apart**2)))
         return float(np.sqrt((apart**2).sum(axis=-1).mean() / count))
 

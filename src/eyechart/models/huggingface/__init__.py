@@ -119,7 +119,7 @@ class HuggingFaceModel:
     def _next_batch(self) -> list[_Waiting]:
         """Take the oldest query and those with the same count of pictures."""
         waiting = [one for one in self._waiting if not one[1].done()]
-        batch = [one for one in waiting if len(one[0].images) == len(waiting[0][0].images)][: self._batch]
+        batch = [one for one in waiting if len(one[0].pictures) == len(waiting[0][0].pictures)][: self._batch]
         taken = {id(future) for _, future in batch}
         self._waiting = deque(one for one in waiting if id(one[1]) not in taken)
         return batch

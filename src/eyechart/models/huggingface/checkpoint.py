@@ -3,12 +3,14 @@
 import hashlib
 import re
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from eyechart.errors import SpecError, raising
+from eyechart.messages import Part, Turn
 from eyechart.models import MEMORY_GB, WEIGHTS_GB
 from eyechart.models.huggingface import organisms
 from eyechart.models.huggingface import weights as huggingface_weights
@@ -229,13 +231,13 @@ def _open_processor(place: str, commit: str | None, *, trust: bool) -> Processor
         raise SpecError(f"the processor of '{place}' cannot be opened: {line}") from error
 
 
-def conversation(system: str, user: str, *, pictures: int) -> list[dict[str, object]]:
-    """Return a query's messages: pictures before the text, as in the checkpoints' examples."""
-    messages: list[dict[str, object]] = []
-    if system:
-        messages.append({"role": "system", "content": [{"type": "text", "text": system}]})
-    messages.append({"role": "user", "content": [{"type": "image"}] * pictures + [{"type": "text", "text": user}]})
-    return messages
+def conversation(turns: Sequence[Turn]) -> list[dict[str, object]]:
+    """Return messages for a chat template, with a mark in the place of each picture."""
+    return [{"role": turn.role, "content": list(map(_content, turn.parts))} for turn in turns]
+
+
+def _content(part: Part) -> dict[str, str]:
+    return {"type": "text", "text": part} if isinstance(part, str) else {"type": "image"}
 
 
 def _require_image_slot(processor: Processor, spec: str) -> str:
@@ -250,9 +252,9 @@ def _require_image_slot(processor: Processor, spec: str) -> str:
     ):
         seen, unseen = (
             processor.apply_chat_template(
-                conversation("", "?", pictures=picture), add_generation_prompt=True, tokenize=False
+                conversation([Turn("user", parts)]), add_generation_prompt=True, tokenize=False
             )
-            for picture in (1, 0)
+            for parts in ((b"", "?"), ("?",))
         )
     if not _has_slot(processor, seen, unseen):
         raise SpecError(f"the chat template of '{spec}' has no image slot: the picture would never reach the model")

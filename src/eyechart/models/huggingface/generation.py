@@ -143,16 +143,16 @@ class TextGenerator:
         queries = [query.said_by(self._mode.system) for query in queries]
         texts = [
             processor.apply_chat_template(
-                conversation(query.system, query.user, pictures=len(query.images)),
+                conversation(query.turns),
                 add_generation_prompt=True,
                 tokenize=False,
             )
             for query in queries
         ]
         pictures = [
-            [Image.fromarray(decode(image, "the query's picture")) for image in query.images]
+            [Image.fromarray(decode(image, "the query's picture")) for image in query.pictures]
             for query in queries
-            if query.images
+            if query.pictures
         ]
         begins = processor.tokenizer.bos_token
         return processor(

@@ -47,7 +47,7 @@ from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
 from eyechart.planned_run import Bar, PlannedRun, RunAllowance, RunEnding, calls_ended, empty, forecast
-from eyechart.prompts import Prompt, find_prompt, neutral, require_sayable
+from eyechart.prompts import Prompt, find_prompt, neutral, require_pictured, require_sayable
 from eyechart.run import MotionPlan, Plan, RunOptions, Stages, ask_again, execute, spread
 from eyechart.studies.battery.early_stop import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.early_stop import Progress as HowFar
@@ -299,7 +299,7 @@ def plan(
     ``conditions`` default to the eight of Table t:conditions and the counterfactuals that the bank
     can supply, and text_swapped where the prompt has fields; ``extent`` adds controls. ``prompt``
     is a name or a TOML file. It defaults to ``baseline``, and to a plain prompt for imported
-    frames. ``study`` is the name of the study in the manifest.
+    frames, and to its own for a run in ``out``. ``study`` is the name of the study in the manifest.
 
     Raises BankError where a picture differs from the one that the bank's manifest recorded. Raises
     SpecError for an unknown name, or for a plan that cannot stop early. Raises LedgerError where
@@ -325,9 +325,11 @@ def planned(
     """
     conditions, extent = asking.conditions, asking.extent
     bank = open_whole(bank_path)
-    formulation = _prompt_for(bank, asking.prompt)
+    formulation = _prompt_for(bank, asking.prompt, out)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
+    if formulation.messages:
+        require_pictured(formulation, show("real", bank.frames[-1], bank, asking.seed))
     supplied, left_out = conditions_of(bank, formulation)
     controls = extent.controls_of(out, conditions)
     every = (name for name in supplied if name not in CONTROLS)
@@ -379,7 +381,10 @@ def open_whole(bank_path: Path) -> FrameBank:
     return open_bank(bank_path)
 
 
-def _prompt_for(bank: FrameBank, name: str | None) -> Prompt:
+def _prompt_for(bank: FrameBank, name: str | None, out: Path | None) -> Prompt:
+    """Return the prompt of this name; without a name the prompt of the run in ``out``, if any."""
+    if name is None and out is not None and is_run(out):
+        return read_manifest(out).prompt
     imported = bank.manifest.simulator == IMPORTED
     if name is None and imported:
         return neutral(bank.manifest.picture, bank.manifest.action_space)

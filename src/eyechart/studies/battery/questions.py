@@ -22,6 +22,7 @@ from eyechart.errors import LedgerError, OutputError, SpecError, raising
 from eyechart.frames import MAIN, media_type, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
+from eyechart.messages import Turn
 from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE, made_elsewhere
 from eyechart.records import to_json_fields
@@ -53,6 +54,12 @@ model's words verbatim. Where they are known it has finish_reason, error, served
 seconds and cost_usd. A key does not say what its call is about; the owner of the bank finds it again.
 
   eyechart run import ANSWERS.jsonl --frames BANK --out RUN
+"""
+MESSAGES = "messages"
+"""The column with all turns of a call, where the prompt has several, or pictures between words."""
+_HOW_MESSAGES = """
+The prompt of these calls has several messages, or pictures between its words. The column messages holds all of them
+in order: send it, and not the columns system, user and picture, which hold only a part.
 """
 
 
@@ -210,7 +217,8 @@ def write_questions(
 def _write(asked: Questions, work: Path, progress: Callable[[int, int], None]) -> tuple[int, int]:
     cameras = [camera.name for camera in asked.plan.bank.frames[0].cameras]
     names = {name: "picture" if name in {MAIN, cameras[0]} else f"picture@{name}" for name in cameras}
-    columns = [*KEYS, "seed", "system", "user", *names.values(), "request_sha256"]
+    several = [MESSAGES] if asked.plan.prompt.messages else []
+    columns = [*KEYS, "seed", "system", "user", *names.values(), *several, "request_sha256"]
     files: dict[str, str] = {}
     with (work / EXACT).open("w", encoding="utf-8") as exact, (work / TABLE).open("w", encoding="utf-8") as table:
         sheet = csv.writer(table, lineterminator="\n")
@@ -222,12 +230,31 @@ def _write(asked: Questions, work: Path, progress: Callable[[int, int], None]) -
             row |= {"seed": key_seed(0, call) if asked.is_unnamed else query.seed, "request_sha256": query.sha256()}
             row |= {"system": query.system, "user": query.user}
             row |= {names[camera]: _stored(image, work, files) for camera, image in query.stimulus.images.items()}
+            row |= {MESSAGES: [_message(turn, work, files) for turn in query.messages]} if query.messages else {}
             exact.write(json.dumps(row, ensure_ascii=False) + "\n")
-            sheet.writerow([no_formula(cell) if isinstance(cell, str) else cell for cell in row.values()])
+            sheet.writerow(list(map(_cell, row.values())))
             progress(done + 1, len(asked.left))
     (work / ABOUT).write_text(json.dumps(_about(asked), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    (work / README).write_text(_HOW, encoding="utf-8")
+    (work / README).write_text(_HOW + (_HOW_MESSAGES if several else ""), encoding="utf-8")
     return len(asked.left), len(files)
+
+
+def _cell(value: object) -> object:
+    """Return a value as a cell of the spreadsheet."""
+    if isinstance(value, list):
+        return json.dumps(value, ensure_ascii=False)
+    return no_formula(value) if isinstance(value, str) else value
+
+
+def _message(turn: Turn, work: Path, files: dict[str, str]) -> dict[str, object]:
+    """Return a message as JSON, with the files of its pictures in their places."""
+    content = [
+        {"type": "text", "text": part}
+        if isinstance(part, str)
+        else {"type": "image", "image": _stored(part, work, files)}
+        for part in turn.parts
+    ]
+    return {"role": turn.role, "content": content}
 
 
 def _stored(image: bytes, work: Path, files: dict[str, str]) -> str:
@@ -244,6 +271,7 @@ def _about(asked: Questions) -> dict[str, object]:
         "format": FORMAT,
         "eyechart": __version__,
         **to_json_fields(asked, "bank=plan.bank.name keys.batch manifest.prompt"),
+        **({"prompt": asked.manifest.prompt.wording()} if asked.manifest.prompt.messages else {}),
         "seeds_of": "" if asked.is_unnamed else asked.plan.models[0],
         "calls": len(asked.left),
         "actions": list(asked.plan.space.actions),

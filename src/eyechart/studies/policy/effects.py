@@ -118,7 +118,7 @@ class Effects:
         self._motions, self._drawn, self._seeded = motions, drawn, seeded
         real = motions.of("real")
         space = motions.plan.motions
-        empty = np.full((1, len(motions.plan.frames), space.horizon, space.columns), np.nan)
+        empty = np.full((1, len(motions.plan.frames), space.horizon, space.width), np.nan)
         self._columns_of = {name: list(many) for name, many in space.parts.items()}
         self._real = empty if real is None else real
         self._compared = motions.compared

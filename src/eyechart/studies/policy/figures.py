@@ -349,7 +349,7 @@ def _moment(
     on_a_plane = len(space.axes) > 1
     with style():
         figure = paths(seen, space, lines) if on_a_plane else curves(seen, space, lines, found.scales)
-    told = f"told “{found.plan.prompt.render({**frame.fields}, ())[1]}”" if frame.fields else "without an instruction"
+    told = f"told “{found.plan.prompt.render({**frame.fields}, ())[-1]}”" if frame.fields else "without an instruction"
     says = "Its own motion, and its motion with one input changed: "
     note = " ".join(filter(None, (_read_as(space, on_a_plane=on_a_plane), _of_answers(found), why)))
     return Drawing(
