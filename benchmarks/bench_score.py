@@ -18,8 +18,9 @@ from eyechart.frames import LEAD_GAP, MAIN, BankManifest, BankWriter, Frame, alo
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, today, versions, write_run
 from eyechart.prompts import find_prompt
+from eyechart.run import Plan
 from eyechart.spaces.discrete import DRIVING
-from eyechart.studies.battery import score
+from eyechart.studies.battery import plan_of, score
 from eyechart.verdicts import judge
 
 AT_ONCE = 5_000
@@ -67,19 +68,21 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
     )
     (out / "run").mkdir()
     write_run(out / "run", run, bank)
-    with Ledger(out / "run" / LEDGER, create=True):
-        pass
-    return fill(out / "run" / LEDGER, specs, prompt.key, gaps, rng)
+    return fill(out / "run" / LEDGER, plan_of(run, bank), gaps, rng)
 
 
-def fill(path: Path, specs: list[str], prompt: str, gaps: dict[str, float], rng: random.Random) -> int:
+def fill(path: Path, plan: Plan, gaps: dict[str, float], rng: random.Random) -> int:
     """Write every call, its attempt and its reply as a run does, many in one transaction; return how many."""
 
     def answer(gap: float) -> str:
         return rng.choice(DRIVING.actions) if rng.random() < 0.2 else "SLOW" if gap < 30 else "STRAIGHT"
 
+    shown = plan.stimuli()
     keys = (
-        CallKey("battery", spec, prompt, frame, condition) for spec in specs for frame in gaps for condition in BATTERY
+        CallKey("battery", spec, plan.prompt.key, frame, condition)
+        for frame in gaps
+        for condition in BATTERY
+        for spec in plan.models
     )
     written = 0
     with Ledger(path, create=True) as ledger:
@@ -89,7 +92,8 @@ def fill(path: Path, specs: list[str], prompt: str, gaps: dict[str, float], rng:
                     seen = key.condition in {"real", "real_repeat", "mirrored"}
                     text = answer(gaps[key.frame]) if seen else "SLOW"
                     reply = Reply(text, "stop", prompt_tokens=90, completion_tokens=2, seconds=0.1)
-                    ledger.close(ledger.begin(key, "0"), reply)
+                    query = plan.query(key, shown.show(key.condition, key.frame))
+                    ledger.close(ledger.begin(key, query.sha256()), reply)
             written += len(several)
     return written
 
