@@ -337,6 +337,10 @@ class MotionSpace(SpaceDefaults):
         }
         if came in exact:
             return exact[came]
+        if len(came) == 2 and came[0] >= steps and came[1] > wide:
+            names = ", ".join(one.name for one in self.dimensions)
+            padded = f"a step of the bank has {wide} numbers: {names}; if the others pad them, return [:, :{wide}]"
+            return padded if came[0] == steps else f"{padded}; then {self._mends((came[0], wide))}"
         if len(came) == 2 and came[1] == wide and came[0]:
             return f"return {steps} steps, or import the bank with --horizon {came[0]}"
         if len(came) == 2 and came[0] == steps:
