@@ -14,7 +14,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial, reduce
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, MethodType
@@ -322,17 +322,15 @@ def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
     except (Exception, SystemExit) as error:
         words = without_secrets(f"{type(error).__name__}: {error}")[:500]
         raise SpecError(f"'python:{name}': the import of module '{module_name}' fails: {words}") from error
-    ask: Ask | None = reduce(_attribute, function.split("."), module)
+    ask: Any = module
+    for part in function.split("."):
+        ask = getattr(ask, part, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
     if not (facts := facts_of(module)):
         return ask, "no file", {}
     facts |= version_of(facts)
     return ask, facts.pop("version"), facts
-
-
-def _attribute(of: object, name: str) -> Any:  # noqa: ANN401 - a module holds anything
-    return getattr(of, name, None)
 
 
 def _perhaps(name: str) -> str:
