@@ -6,6 +6,7 @@ import sys
 import time
 import types
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,7 +59,6 @@ def test_it_is_given_pictures_by_camera_a_flat_state_and_words(monkeypatch: pyte
     [
         ("left", "no numbers"),
         (None, "a NoneType is no array of numbers"),
-        ({"actions": [[0.0]]}, "a dict is no array of numbers; return the array"),
         ([[1.0], [2.0, 3.0]], "no array"),
         (np.zeros(200_000), "too large"),
     ],
@@ -68,6 +68,73 @@ def test_what_is_no_array_is_an_error_in_words(monkeypatch: pytest.MonkeyPatch, 
     reply = answer(lambda *_: said, monkeypatch)
     assert (reply.error, reply.text) == ("exception", "")
     assert words in reply.error_detail
+
+
+CHUNK = np.arange(6.0).reshape(2, 3)
+KEYS = "a dict is no array of numbers; its keys are"
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"actions": CHUNK},
+        {"action": CHUNK.tolist()},
+        {"actions": CHUNK, "policy_timing": {"infer_ms": np.float64(3.0)}, "done": False, "told": "go"},
+        types.MappingProxyType({"action": CHUNK}),
+        CHUNK.tolist(),
+        tuple(CHUNK),
+    ],
+)
+def test_one_array_under_the_name_of_actions_is_the_answer(monkeypatch: pytest.MonkeyPatch, said: object) -> None:
+    """Of a dict with nothing else that is an array, and of rows one by one."""
+    assert (Motion.read(answer(lambda *_: said, monkeypatch).text).array == CHUNK).all()
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"actions": CHUNK, "action": CHUNK}, f"{KEYS} 'actions', 'action': return the array (horizon, dimensions)"),
+        ({"actions": CHUNK, "state": np.zeros(3)}, f"{KEYS} 'actions', 'state': return the array"),
+        ({"actions": CHUNK, "info": {"state": [0.0]}}, f"{KEYS} 'actions', 'info': return the array"),
+        ({"action.arm": CHUNK, "action.hand": CHUNK}, f"{KEYS} 'action.arm', 'action.hand': return"),
+        ({"action": {"arm": CHUNK}}, f"{KEYS} 'action': return"),
+        ({"chunk": CHUNK}, f"{KEYS} 'chunk': return"),
+        ({"actions": None}, f"{KEYS} 'actions': return"),
+        ({}, f"{KEYS} none: return"),
+        ((CHUNK, {"latency": 3}), "a tuple of 2 (ndarray, dict) is no array; return the first alone"),
+        ([{"arm": CHUNK}, {}], "a list of 2 (dict, dict) is no array; return the first alone"),
+        ((CHUNK, CHUNK), "a tuple of 2 (ndarray, ndarray) is no array; return the first alone"),
+        ((CHUNK.tolist(), None), "a tuple of 2 (list, NoneType) is no array; return the first alone"),
+        ({"actions": (CHUNK, 1.0)}, "a tuple of 2 (ndarray, float) is no array; return the first alone"),
+    ],
+)
+def test_an_answer_of_several_arrays_is_named_and_not_guessed(
+    monkeypatch: pytest.MonkeyPatch, said: object, words: str
+) -> None:
+    """By its keys, or by the types of its parts."""
+    reply = answer(lambda *_: said, monkeypatch)
+    assert (reply.error, reply.text) == ("exception", "")
+    assert words in reply.error_detail
+
+
+def test_a_method_of_an_object_is_a_policy_with_the_version_of_its_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """By dotted names; one that is not there is named."""
+    code = "class Arm:\n    def act(self, *given):\n        return [[1.0]]\n\narm = Arm()\nact = arm.act\n"
+    (tmp_path / "an_object_s_arm.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    policies = [
+        open_model(spec, RequestMode(spec), answering="policy")
+        for spec in ("python:an_object_s_arm:arm.act", "python:an_object_s_arm:act")
+    ]
+    assert [asyncio.run(one.answer(Query("", "", SEEN, 3))).error for one in policies] == [None, None]
+    assert policies[0].version == policies[1].version != "no file"
+    for name in ("arm.nothing", "nothing.act", "arm.", "arm..act"):
+        spec = f"python:an_object_s_arm:{name}"
+        with pytest.raises(SpecError, match=rf"has no callable '{re.escape(name)}'"):
+            open_model(spec, RequestMode(spec), answering="policy")
+    monkeypatch.delitem(sys.modules, "an_object_s_arm")
 
 
 class Half:

@@ -77,6 +77,7 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("tokens", "unit", False, "times as large as in the log"),
         ("late_state", "same", False, "it keeps a memory; declare reset"),
         ("late_pictures", "same", False, "it keeps a memory; declare reset"),
+        ("tiled", "same", None, "or keeps a memory; for a memory, declare reset"),
         ("cached", "cameras", False, "does the policy repeat an earlier answer?"),
         ("unseeded", "same", False, "two answers with one seed"),
         ("jitters", "same", True, "except for rounding"),

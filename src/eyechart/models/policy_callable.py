@@ -2,8 +2,10 @@
 
 The callable takes ``(images, state, instruction)``. ``images`` is a dict of uint8 arrays (h, w, 3)
 by camera, ``state`` a float array of all its numbers, and ``instruction`` a text or None. It
-returns an array (horizon, dimensions). Calls are independent: the callable must answer each as at
-the beginning of an episode, without a memory of earlier calls. Attributes, with their defaults:
+returns an array (horizon, dimensions), or a dict with no other array than that one, as ``actions``
+or ``action``. ``python:MODULE:OBJECT.METHOD`` names a method. Calls are independent: the callable
+must answer each as at the beginning of an episode, without a memory of earlier calls. Attributes,
+with their defaults:
 ``seedable`` (False): it also takes ``seed=``, and equal seeds give equal answers. ``version`` (the
 start of a digest of its files). ``channels`` (all): the names of the inputs that it reads.
 ``reset`` (none): called before every call. ``step`` (none): its training step, which orders

@@ -18,7 +18,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, MethodType
-from typing import TypeVar
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -299,7 +299,7 @@ def _code(written: object) -> Iterator[str]:
 
 
 def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
-    """Import ``MODULE:FUNCTION``, also from the current folder.
+    """Import ``MODULE:FUNCTION`` or ``MODULE:OBJECT.METHOD``, also from the current folder.
 
     Returns it with its version and its files' digests. Raises SpecError where it is missing.
     """
@@ -322,7 +322,9 @@ def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
     except (Exception, SystemExit) as error:
         words = without_secrets(f"{type(error).__name__}: {error}")[:500]
         raise SpecError(f"'python:{name}': the import of module '{module_name}' fails: {words}") from error
-    ask: Ask | None = getattr(module, function, None)
+    ask: Any = module
+    for part in function.split("."):
+        ask = getattr(ask, part, None)
     if not callable(ask):
         raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
     if not (facts := facts_of(module)):

@@ -338,7 +338,8 @@ def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Poli
         return PolicyCheck("same", False, said)
     if seeded:
         return PolicyCheck("same", False, "it declares seedable, but the same frame gets two answers with one seed")
-    return PolicyCheck("same", None, "the same frame gets two answers: it draws them at random, or keeps a memory")
+    said = "the same frame gets two answers: it draws them at random, or keeps a memory; for a memory, declare reset"
+    return PolicyCheck("same", None, said)
 
 
 def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[PolicyCheck]:

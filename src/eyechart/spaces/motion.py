@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal, cast, get_args
@@ -18,7 +18,7 @@ from typing import ClassVar, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError, raising, suggestion
+from eyechart.errors import SpecError, printable, raising, suggestion
 from eyechart.records import LARGEST, to_json_fields
 from eyechart.spaces.rotations import FREEDOM, MATRIX, Rotation, angle, compared
 from eyechart.spaces.space import Answer, AnySpace, Decision, SpaceDefaults, unparsed, why_unanswered
@@ -42,6 +42,36 @@ def _with_a_way_out(error: Exception) -> str:
     return f"{error}; numpy has no such numbers: return .float()" if "BFloat16" in str(error) else str(error)
 
 
+def _holds_array(given: object) -> bool:
+    """Return whether a value is or holds an array; one number is none."""
+    if isinstance(given, Mapping):
+        return any(map(_holds_array, given.values()))
+    shape = getattr(given, "shape", None)
+    return isinstance(given, list | tuple) or (hasattr(given, "__array__") if shape is None else tuple(shape) != ())
+
+
+def _alone(given: object) -> object:
+    """Return the one array that a policy's dict holds as ``actions`` or ``action``.
+
+    Any other value is returned as it is. Raises ValueError for a dict with another array, and for
+    a tuple or a list of an array with something else.
+    """
+    if isinstance(given, Mapping):
+        arrays = [name for name, one in given.items() if _holds_array(one)]
+        if len(arrays) != 1 or arrays[0] not in {"actions", "action"} or isinstance(given[arrays[0]], Mapping):
+            keys = printable(", ".join(map(repr, given))) or "none"
+            own = f"a {type(given).__name__} is no array of numbers; its keys are {keys}"
+            raise ValueError(f"{own}: return the array (horizon, dimensions), alone or as 'actions'")
+        given = given[arrays[0]]
+    if isinstance(given, list | tuple) and len(given) > 1:
+        others = any(one is None or isinstance(one, Mapping) for one in given)
+        if others or len(getattr(given[0], "shape", ())) > 1:
+            parts = printable(", ".join(type(one).__name__ for one in given))
+            own = f"a {type(given).__name__} of {len(given)} ({parts}) is no array"
+            raise ValueError(f"{own}; return the first alone, if it is the array (horizon, dimensions): [0]")
+    return given
+
+
 def read_kind(word: str | None) -> Kind | None:
     """Return a word as a kind, or None; raises SpecError that lists the kinds."""
     if word is None or word in get_args(Kind):
@@ -59,7 +89,11 @@ class Motion:
 
     @classmethod
     def of(cls, given: object) -> "Motion":
-        """Return a controller's array; raises ValueError if it is no array or too large."""
+        """Return a controller's array, also one in a dict as ``actions`` or ``action``.
+
+        Raises ValueError if it is no array, if it is one of several, or if it is too large.
+        """
+        given = _alone(given)
         with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception, words=_with_a_way_out):
             array = np.asarray(given)
         if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
@@ -337,6 +371,10 @@ class MotionSpace(SpaceDefaults):
         }
         if came in exact:
             return exact[came]
+        if len(came) == 2 and came[0] >= steps and came[1] > wide:
+            names = ", ".join(one.name for one in self.dimensions)
+            padded = f"a step of the bank has {wide} numbers: {names}; if the others pad them, return [:, :{wide}]"
+            return padded if came[0] == steps else f"{padded}; then {self._mends((came[0], wide))}"
         if len(came) == 2 and came[1] == wide and came[0]:
             return f"return {steps} steps, or import the bank with --horizon {came[0]}"
         if len(came) == 2 and came[0] == steps:
