@@ -38,6 +38,9 @@ OTHERS = {
     "models/ollama.py: getattr(error, 'reason', error)",
     "models/sources.py: getattr(module, '__file__', None)",
     "studies/closed_loop/film.py: getattr(av, 'codecs_available', set())",
+    "spaces/motion.py: getattr(given, 'shape', None)",
+    "spaces/motion.py: getattr(given[0], 'shape', ())",
+    "spaces/motion.py: hasattr(given, '__array__')",
     "simulators/gym/drive.py: getattr(self._env.unwrapped, 'np_random', None)",
     "simulators/gym/drive.py: hasattr(self._env.unwrapped, 'enable_auto_render')",
 }

@@ -187,7 +187,10 @@ def test_text_swapped_is_there_only_where_the_prompt_says_something(bank: FrameB
         ("system = 'x'", "'user' must be a text"),
         ("user = ' '", "needs a user message"),
         ("user = 'x'\nname = 'a b'", "a name of letters"),
-        ("user = 'x'\ntemperature = 1", "a prompt has no 'temperature'; it has name, system, user, messages, action_space, answer"),
+        (
+            "user = 'x'\ntemperature = 1",
+            "a prompt has no 'temperature'; it has name, system, user, messages, action_space, answer",
+        ),
         ("user = 'x'\naction_space = 3", "action_space must be a table"),
         ("user = 'x'\n[action_space]\nname = 'y'", "no actions"),
         ("user = ", "is no TOML file"),

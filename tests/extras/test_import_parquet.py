@@ -324,7 +324,7 @@ def test_a_camera_and_the_places_of_a_data_set_are_its_own(tmp_path: Path) -> No
     assert bank.manifest.settings["camera"] == CAMERA
     mapped = replace(ROBOT, columns={"episode": "task_index"})
     with pytest.raises(
-        SourceError, match=r"columns=\{'episode': '…'\}: a LeRobotDataset declares the episode of a frame itself"
+        SourceError, match=r"columns=\{'episode': '…'\}: a data set declares the episode of a frame itself"
     ):
         import_lerobot(tmp_path / "set", tmp_path / "bank", mapped)
 
