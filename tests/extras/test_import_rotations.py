@@ -152,12 +152,21 @@ def test_a_rotation_that_the_data_contradict_is_refused(
         ("action[3:6]=quat_xyzw", "has 4 numbers, and"),
         ("action[5:9]=quat_xyzw", "'action' has 7 numbers"),
         ("actoin[3:7]=quat_xyzw", "no such feature; did you mean 'action'"),
+        ("action[7:3]=none", "[7:3] holds no number"),
+        ("action[3:3]=none", "[3:3] holds no number"),
     ],
 )
 def test_a_malformed_option_is_refused(tmp_path: Path, option: str, says: str) -> None:
     """Each with its own words."""
     posed(tmp_path / "set", "quat_xyzw")
     assert says in asked(tmp_path / "set", option)
+
+
+@pytest.mark.parametrize("other", ["action[2:5]=euler_xyz", "action[3:7]=none"])
+def test_a_number_belongs_to_one_rotation(tmp_path: Path, other: str) -> None:
+    """Two options that overlap are refused, and the first number of both is named."""
+    posed(tmp_path / "set", "quat_xyzw")
+    assert "declares a number twice: action[3:4]" in asked(tmp_path / "set", "action[3:7]=quat_xyzw", other)
 
 
 def test_an_ordinary_log_of_joints_is_not_asked_about(tmp_path: Path) -> None:

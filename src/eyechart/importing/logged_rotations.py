@@ -66,6 +66,8 @@ class DeclaredRotation:
                 "as action[3:7]=quat_xyzw"
             )
         word, start, stop = found[4], int(found[2]), int(found[3])
+        if stop <= start:
+            raise SpecError(f"--rotation {text}: [{start}:{stop}] holds no number; the end comes after the last one")
         known = None if word == NONE else read_representation(word)
         if known is not None and stop - start != WIDTH[known]:
             raise SpecError(
@@ -111,7 +113,10 @@ class LoggedRows:
         found, known = list[Rotation](), set[tuple[Of, int]]()
         for one in declared:
             of, first = one.place(self.places)
-            known |= {(of, first + step) for step in range(one.stop - one.start)}
+            own = {(of, first + step) for step in range(one.stop - one.start)}
+            if twice := known & own:
+                raise SpecError(f"--rotation declares a number twice: {self._named(of, min(twice)[1], 1)}")
+            known |= own
             if one.representation is not None:
                 found.append(Rotation(one.representation, first, of))
         wrong = [f"--rotation {fault}" for fault in self.faults(found)]
@@ -121,10 +126,10 @@ class LoggedRows:
         state = sorted(one.first for one in found if one.of == "state")
         motion = sorted((one for one in found if one.of == "motion"), key=lambda one: one.first)
         pairs: Sequence[int | None] = state if len(state) == len(motion) else [None] * len(motion)
-        own = [
+        moved = [
             Rotation(one.representation, one.first, "motion", place) for one, place in zip(motion, pairs, strict=True)
         ]
-        return (*own, *(one for one in found if one.of == "state"))
+        return (*moved, *(one for one in found if one.of == "state"))
 
     def faults(self, rotations: Sequence[Rotation]) -> list[str]:
         """Return the rotations that the data contradict, each with the reason."""
@@ -167,7 +172,7 @@ class LoggedRows:
                     taken |= window
                     names = [name.lower() for name in self.names[of][first : first + size]]
                     like = "quat_wxyz" if size == 4 and _w_is_first(names) else like
-                    first_w = " or quat_wxyz, if w is its first number" if like == "quat_xyzw" else ""
+                    first_w = _OR.get(like, "")
                     named = self._named(of, first, size)
                     yield (
                         f"{named} look like a rotation ({like}): {_WHY[size]}. Declare it with "
@@ -180,6 +185,13 @@ _WHY = {
     4: "four numbers of length 1 in every row",
     3: "a vector that stays near a length of pi, or changes its sign there",
 }
+
+
+_OR = {
+    "quat_xyzw": " or quat_wxyz, if w is its first number",
+    "axis_angle": " or euler_xyz, if they are three angles",
+}
+"""Other rotations that such numbers may be, by the likeliest."""
 
 
 def _w_is_first(names: Sequence[str]) -> bool:

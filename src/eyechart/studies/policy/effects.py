@@ -167,7 +167,9 @@ class Effects:
         if not plain:
             return result
         names, places = list(plain), list(plain.values())
-        (offset, first), (spread, second) = distance_from_log(answers[..., places], logged[..., places])
+        # A copy in C order: the order of memory decides the last digits of a sum.
+        own, log = (np.ascontiguousarray(one[..., places]) for one in (answers, logged))
+        (offset, first), (spread, second) = distance_from_log(own, log)
         return replace(result, offset=offset, offset_of=names[first], spread=spread, spread_of=names[second])
 
     def variation_share(self) -> Statistic:
