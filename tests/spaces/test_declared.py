@@ -74,6 +74,17 @@ def test_an_answer_without_one_field_has_none() -> None:
     assert BOTH.read(said('<think>{"steer": "right"}</think>{"steer": "left", "pedal": "gas"}')).action is not None
 
 
+@pytest.mark.parametrize(("one", "other"), [("1234567", "1234568"), ("0.3", "0.30000001")])
+def test_different_numbers_are_different_actions(one: str, other: str) -> None:
+    """Alone and in a vector."""
+    alone = AnswerSpace.of("v", (AnswerField("v", kind="number", key="v"),))
+    pair = AnswerSpace.of("v", (AnswerField("v", kind="vector", key="v", size=2),))
+    for space, form in ((alone, '{"v": %s}'), (pair, '{"v": [1, %s]}')):
+        found = [space.read(said(form % number)).action for number in (one, other)]
+        assert None not in found
+        assert found[0] != found[1]
+
+
 def test_numbers_without_ranges_and_vectors_have_no_actions_beforehand() -> None:
     """They are compared as they are, and no axis is claimed."""
     space = AnswerSpace.of(

@@ -200,3 +200,9 @@ def test_a_frames_own_names_come_from_its_column() -> None:
     assert candidates_of("3, 5,7") == candidates_of('["3", 5, 7]') == candidates_of("3\n5\n7\n") == ("3", "5", "7")
     assert candidates_of(4) == ("4",)
     assert candidates_of("") == ()
+
+
+def test_a_pattern_that_repeats_nothing_is_read_at_once() -> None:
+    """However often it does: nothing is made of it."""
+    for one in ("(x)(?:(?:a{0}){9999}){300}", "(x)(?:(?:(?:a{0}){9999}){9999}){9999}"):
+        assert [found.text for found in LinearPattern(one).search("x")] == ["x"]

@@ -258,9 +258,9 @@ def _symbol(fields: Sequence[AnswerField], values: Sequence[Value], *, alone: bo
 
 def _worded(field: AnswerField, value: Value) -> str:
     if isinstance(value, tuple):
-        return f"{field.name}=[{', '.join(f'{number:g}' for number in value)}]"
+        return f"{field.name}=[{', '.join(f'{number + 0.0:.15g}' for number in value)}]"
     if isinstance(value, float):
-        value = (field.range_of(value) if field.values else None) or f"{value + 0.0:g}"
+        value = (field.range_of(value) if field.values else None) or f"{value + 0.0:.15g}"
     plain = value.replace(" ", "") if field.kind == "number" else value
     return f"{field.name}{plain}" if plain[:1] in "<>" else f"{field.name}={plain}"
 

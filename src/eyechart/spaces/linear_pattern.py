@@ -254,7 +254,10 @@ def _emit_repeat(content: tuple[_Node, int, int, bool], made: list[_Instruction]
         return "split", (behind, inside) if lazy else (inside, behind)
 
     for _ in range(least):
+        before = len(made)
         _emit(node, made, where)
+        if len(made) == before:  # nothing, however often: the bound on steps would never end the loop
+            break
     if most < 0:
         split = len(made)
         made.append(("split", ()))
