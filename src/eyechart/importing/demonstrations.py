@@ -7,8 +7,8 @@
 - ACT: a file is an episode, with ``action``, ``observations/qpos`` and
   ``observations/images/NAME``. With ``compress_len``, each picture is a padded JPEG.
 
-The field names are those of github.com/ARISE-Initiative/robomimic, Lifelong-Robot-Learning/LIBERO
-and tonyzhaozh/act.
+The field names are those that these projects write, as far as they are known here. No file that
+one of them wrote was read in a test.
 """
 
 import re
@@ -52,7 +52,7 @@ STATES: Mapping[str, Sequence[str]] = {
     "LIBERO": ("gripper_states", "joint_states"),
     "ACT": ("qpos",),
 }
-"""The observations that each program's own settings give to a policy as its state."""
+"""The observations that are a policy's state if the user names none."""
 ACTIONS = {"robomimic": "actions", "LIBERO": "actions", "ACT": "action"}
 _ROWS_OF_PICTURE = 4
 """The axes of an array of pictures: row, height, width, channel."""
