@@ -208,6 +208,16 @@ def piped(path: Path) -> None:
     os.mkfifo(path)
 
 
+def observed(name: str) -> Callable[[Any], None]:
+    """Return what adds an observation of whole numbers to every episode, last episode first."""
+
+    def done(file: Any) -> None:  # noqa: ANN401 - of h5py
+        for place, group in enumerate(file["data"].values()):
+            group[f"obs/{name}"] = np.full(LENGTH, EPISODES - 1 - place)
+
+    return done
+
+
 WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "external link": (edit(link(lambda h5: h5.ExternalLink("/etc/passwd", "/x"))), "obs/object': it is a link"),
     "soft link": (edit(link(lambda h5: h5.SoftLink("/data/demo_0/obs/object"))), "obs/object': it is a link"),
@@ -247,6 +257,10 @@ WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "another layout": (edit(lambda file: file.move("data", "other")), "has neither data/demo_N"),
     "cut": (cut, "cannot be read as HDF5"),
     "no HDF5": (damaged, "cannot be read as HDF5"),
+    **{
+        f"own column {name}": (edit(observed(name)), f"has an array '{name}', which is a column of its own")
+        for name in ("episode_index", "frame_index", "task_index", "task", "file", "robot0_eef_pos.0")
+    },
     "pipe": (piped, "a pipe or a device"),
 }
 

@@ -12,6 +12,7 @@ one of them wrote was read in a test.
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -39,7 +40,7 @@ from eyechart.importing.layout import (
     given_name,
     vectors_of,
 )
-from eyechart.importing.lerobot import Dataset, RowTable, chosen_cameras, import_lerobot, usual
+from eyechart.importing.lerobot import FILE, TASK, Dataset, RowTable, chosen_cameras, import_lerobot, usual
 from eyechart.importing.pages import BATCH_ROWS
 from eyechart.importing.tables import MOST_COLUMNS
 from eyechart.importing.timeline import PLACES, Timeline
@@ -54,6 +55,8 @@ STATES: Mapping[str, Sequence[str]] = {
 }
 """The observations that are a policy's state if the user names none."""
 ACTIONS = {"robomimic": "actions", "LIBERO": "actions", "ACT": "action"}
+_OWN = (*PLACES.values(), "task_index", TASK, FILE)
+"""The columns that an import makes itself."""
 _ROWS_OF_PICTURE = 4
 """The axes of an array of pictures: row, height, width, channel."""
 
@@ -300,6 +303,7 @@ def _contents(group: Hdf5Group, program: str) -> Contents:
     features = {name: _feature(array, place) for name, (place, array) in found.items()}
     if program == "ACT":
         features = _paired(features)
+    _require_names(group, features)
     return Contents(features, {name: place for name, (place, _) in found.items()}, length)
 
 
@@ -316,6 +320,13 @@ def _observed(group: Hdf5Group, program: str) -> dict[str, tuple[tuple[str, ...]
             if array is not None:
                 result[name] = (*places, name), array
     return result
+
+
+def _require_names(group: Hdf5Group, features: Mapping[str, Feature]) -> None:
+    """Raise SourceError if two columns would have one name; the later one would hide the other."""
+    columns = [*_OWN, *(column for _, many in vectors_of(features) for column in many), *features]
+    if twice := next((name for name, count in Counter(columns).items() if count > 1), None):
+        raise SourceError(f"{group.label} has an array '{printable(twice)}', which is a column of its own: rename it")
 
 
 def _require_lengths(group: Hdf5Group, arrays: Sequence[Hdf5Array], length: int) -> None:
