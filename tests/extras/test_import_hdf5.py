@@ -261,6 +261,11 @@ WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
         f"own column {name}": (edit(observed(name)), f"has an array '{name}', which is a column of its own")
         for name in ("episode_index", "frame_index", "task_index", "task", "file", "robot0_eef_pos.0")
     },
+    "two instructions": (
+        edit(told("problem_info", '{"language_instruction": ["open it", "close it"]}')),
+        "has 2 texts; a file has one",
+    ),
+    "quotes alone": (edit(told("problem_info", r'{"language_instruction": "\"\""}')), "has no language_instruction"),
     "pipe": (piped, "a pipe or a device"),
 }
 

@@ -407,10 +407,13 @@ def _instruction(file: Hdf5Group) -> str:
     """Return the instruction of a LIBERO file, which may be a list of its letters."""
     said = _attributes(file, "problem_info").get("language_instruction")
     if isinstance(said, list) and all(isinstance(one, str) for one in said):
+        if len(said) > 1 and max(map(len, said)) > 1:
+            raise SourceError(f"{file.path}: the language_instruction has {len(said)} texts; a file has one")
         said = "".join(said)
-    if not isinstance(said, str) or not said.strip():
+    words = said.strip().strip('"').strip() if isinstance(said, str) else ""
+    if not words:
         raise SourceError(f"{file.path}: the attribute 'problem_info' has no language_instruction")
-    return said.strip().strip('"')
+    return words
 
 
 def _rates(file: Hdf5Group) -> set[float]:
