@@ -283,8 +283,10 @@ def _episodes(file: Hdf5Group, program: str) -> Iterator[Hdf5Group]:
     data = file.child("data")
     assert data is not None
     for name in sorted((one for one in data.members() if one.startswith("demo_")), key=_in_order):
-        if (group := data.child(name)) is not None:
-            yield group
+        group = data.child(name)
+        if group is None:
+            raise SourceError(f"{data.label}/{printable(name)} is no group, as an episode is: remove or rename it")
+        yield group
 
 
 def _contents(group: Hdf5Group, program: str) -> Contents:
@@ -382,8 +384,10 @@ def _cameras(info: Info, folder: Path, camera: str | None, said: list[str], ever
     }
     for name in found:
         size = prod(info.features[name].shape)
-        if size > 3 * MAX_PIXELS:
-            raise SourceError(f"{folder}: '{name}' has pictures of {size} values; the limit is {3 * MAX_PIXELS}")
+        if not 0 < size <= 3 * MAX_PIXELS:
+            raise SourceError(
+                f"{folder}: '{name}' has pictures of {size} values; the limits are 1 and {3 * MAX_PIXELS}"
+            )
     if not found or len(found) > MOST_CAMERAS:
         raise SourceError(
             f"{folder} has {len(found)} cameras, and eyechart takes 1 to {MOST_CAMERAS}; robomimic writes pictures "
@@ -420,7 +424,10 @@ def _rates(file: Hdf5Group) -> set[float]:
     """Return the rate of a file's attributes, or nothing."""
     told = _attributes(file, "env_args").get("env_kwargs")
     rate = told.get("control_freq") if isinstance(told, dict) else None
-    return {float(rate)} if isinstance(rate, int | float) and not isinstance(rate, bool) else set()
+    if not isinstance(rate, int | float) or isinstance(rate, bool):
+        return set()
+    with raising(SourceError, f"{file.path}: the control_freq of env_args", of=OverflowError):
+        return {float(rate)}
 
 
 def _rate(rates: set[float], given: float | None, folder: Path) -> float:
