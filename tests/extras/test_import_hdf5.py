@@ -208,6 +208,35 @@ def piped(path: Path) -> None:
     os.mkfifo(path)
 
 
+def observed(name: str) -> Callable[[Any], None]:
+    """Return what adds an observation of whole numbers to every episode, last episode first."""
+
+    def done(file: Any) -> None:  # noqa: ANN401 - of h5py
+        for place, group in enumerate(file["data"].values()):
+            group[f"obs/{name}"] = np.full(LENGTH, EPISODES - 1 - place)
+
+    return done
+
+
+def empty(file: Any) -> None:  # noqa: ANN401 - of h5py
+    """Add pictures without pixels to every episode."""
+    for group in file["data"].values():
+        group["obs/no_image"] = np.zeros((LENGTH, 0, 0, 3), np.uint8)
+
+
+def lone(file: Any) -> None:  # noqa: ANN401 - of h5py
+    """Put an array in the place of an episode."""
+    del file[DEMO]
+    file[DEMO] = np.zeros(3)
+
+
+def misnamed(file: Any) -> None:  # noqa: ANN401 - of h5py
+    """Add an observation whose name is no text."""
+    module = h5py()
+    space = module.h5s.create_simple((LENGTH,))
+    module.h5d.create(file[f"{DEMO}/obs"].id, b"\xff\xfe", module.h5t.NATIVE_DOUBLE, space)
+
+
 WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "external link": (edit(link(lambda h5: h5.ExternalLink("/etc/passwd", "/x"))), "obs/object': it is a link"),
     "soft link": (edit(link(lambda h5: h5.SoftLink("/data/demo_0/obs/object"))), "obs/object': it is a link"),
@@ -247,6 +276,19 @@ WRONG: dict[str, tuple[Callable[[Path], None], str]] = {
     "another layout": (edit(lambda file: file.move("data", "other")), "has neither data/demo_N"),
     "cut": (cut, "cannot be read as HDF5"),
     "no HDF5": (damaged, "cannot be read as HDF5"),
+    **{
+        f"own column {name}": (edit(observed(name)), f"has an array '{name}', which is a column of its own")
+        for name in ("episode_index", "frame_index", "task_index", "task", "file", "robot0_eef_pos.0")
+    },
+    "two instructions": (
+        edit(told("problem_info", '{"language_instruction": ["open it", "close it"]}')),
+        "has 2 texts; a file has one",
+    ),
+    "quotes alone": (edit(told("problem_info", r'{"language_instruction": "\"\""}')), "has no language_instruction"),
+    "great rate": (edit(told("env_args", f'{{"env_kwargs": {{"control_freq": 1{"0" * 400}}}}}')), "the control_freq"),
+    "empty pictures": (edit(empty), "'no_image' has pictures of 0 values"),
+    "odd name": (edit(misnamed), "is no UTF-8 text"),
+    "episode without arrays": (edit(lone), "data/demo_1 is no group"),
     "pipe": (piped, "a pipe or a device"),
 }
 

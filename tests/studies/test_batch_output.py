@@ -94,6 +94,8 @@ WRONG: dict[str, tuple[Any, str]] = {
     "no body": ({"custom_id": "c", "response": {"status_code": 200}, "error": None}, "row 2 has no error and no"),
     "status": ({"custom_id": "c", "response": {"status_code": True, "body": {"a": 1}}}, "row 2 has no error and no"),
     "a list": ([1], "row 2 is a list, no JSON object"),
+    "half a letter": (completed("c", "\ud83d"), "row 2: the body cannot be read"),
+    "great number": (completed("c", "x", index=2**70), "row 2: the body cannot be read"),
     "another export's": (completed("3ed34849-nobody", "x"), "row 2: call '3ed34849-nobody'"),
 }
 
@@ -111,6 +113,7 @@ def test_a_faulty_line_is_named_and_nothing_is_written(bank: FrameBank, tmp_path
 
 def test_a_table_with_columns_of_its_own_is_no_batch(tmp_path: Path) -> None:
     """Nor is a file whose first line is no JSON: a table's reader says what is wrong."""
-    for text in ('{"custom_id": "c", "text": "STOP"}\n', '{"call": "c", "text": "STOP"}\n', "no JSON\n", "\n"):
+    both = '{"custom_id": "r", "call": "c", "text": "STOP", "error": ""}\n'
+    for text in (both, '{"custom_id": "c", "text": "STOP"}\n', '{"call": "c", "text": "STOP"}\n', "no JSON\n", "\n"):
         (tmp_path / "t.jsonl").write_text(text)
         assert answer_import.source_of(tmp_path / "t.jsonl").made_by == "a table"

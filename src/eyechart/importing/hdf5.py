@@ -102,7 +102,10 @@ class Hdf5Group:
         with raising(SourceError, self.label, of=_MALFORMED):
             if len(self.group) > MOST_MEMBERS:
                 raise ValueError(f"it has {len(self.group)} members; the limit is {MOST_MEMBERS}")
-            return [*self.group.keys()]
+            names = [*self.group.keys()]
+            if odd := next((name for name in names if not isinstance(name, str)), None):
+                raise ValueError(f"the name of its member {odd[:60]!r} is no UTF-8 text")
+            return names
 
     def child(self, name: str) -> "Hdf5Group | None":
         """Return a group in it, None without; raises SourceError for a link."""

@@ -30,7 +30,9 @@ def is_batch(path: Path) -> bool:
         row = parse_json(first)
     except (ValueError, RecursionError):
         return False
-    return isinstance(row, dict) and "custom_id" in row and bool({"response", "error"} & row.keys())
+    if not isinstance(row, dict) or "call" in row:  # a table has this column, and may have others
+        return False
+    return "custom_id" in row and bool({"response", "error"} & row.keys())
 
 
 def served_by(path: Path) -> str:
@@ -82,7 +84,8 @@ def _reply(where: str, row: Mapping[str, object]) -> Reply:
     body, status = _part(response, "body"), response.get("status_code")
     if not isinstance(status, int) or isinstance(status, bool) or not 100 <= status <= 599 or not body:
         raise SourceError(f"{where} has no error and no response with a status_code and a body")
-    return read_completion(body, status)
+    with raising(SourceError, f"{where}: the body cannot be read", of=TypeError):
+        return read_completion(body, status)
 
 
 def _object(line: str) -> Mapping[str, object]:
