@@ -250,6 +250,27 @@ def tiled(images: Images, state: np.ndarray, instruction: str | None) -> np.ndar
     return np.tile(QUEUE.pop(0), (8, 1))
 
 
+class GoesOn:
+    """Go on as far as between the last two states; there is one only, so it stays."""
+
+    def __init__(self) -> None:
+        self.before: np.ndarray | None = None
+
+    def __call__(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Return the change since the call before, for each step."""
+        del images, instruction
+        change = state - (state if self.before is None else self.before)
+        self.before = state
+        return np.tile(change, (8, 1))
+
+    def reset(self) -> None:
+        """Forget the state of the call before."""
+        self.before = None
+
+
+goes_on = GoesOn()
+
+
 def unseeded(images: Images, state: np.ndarray, instruction: str | None, *, seed: int = 0) -> np.ndarray:
     """Say that a seed fixes it, and draw from a stream of its own."""
     del seed

@@ -25,6 +25,7 @@ from eyechart.errors import BankError
 from eyechart.event_loops import in_own_loop
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
 from eyechart.models import Model, OpenedModel, ask, open_policy
+from eyechart.models.policy_callable import PolicyCallable
 from eyechart.prompts import Prompt, policy_prompt
 from eyechart.spaces.motion import Floats, Motion, MotionSpace
 from eyechart.spaces.space import Decision
@@ -293,7 +294,7 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
         findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
-        findings += [_varies(asked, order, further), _unit(asked, further), _form(forms)]
+        findings += [_with_history(_varies(asked, order, further), model), _unit(asked, further), _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
 
@@ -463,6 +464,17 @@ def _varies(asked: _ProbeFrames, order: list[Decision[Motion]], further: Mapping
         return PolicyCheck("constant", None, f"{said}: noise hides whether it is constant")
     size = f"{varies / usual:.2g} times as much as the log" if usual else "and there is no log to compare them with"
     return PolicyCheck("constant", True, f"its answers to {len(answers)} frames vary {size}")
+
+
+def _with_history(check: PolicyCheck, model: Model) -> PolicyCheck:
+    """Return the check of constant answers; inconclusive where ``model`` may need earlier instants.
+
+    A policy that declares reset keeps something between calls. It begins each call without that.
+    """
+    if check.fine is not False or not isinstance(model, PolicyCallable) or model.reset is None:
+        return check
+    said = "It declares reset, and each call gives it one instant: a policy with a history cannot be asked yet"
+    return replace(check, fine=None, says=f"{check.says.partition(':')[0]}. {said}")
 
 
 def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
