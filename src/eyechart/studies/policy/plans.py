@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import channels_of, instruction_column, require_channels
+from eyechart.channels import channels_of, instruction_column, require_channels, require_history
 from eyechart.conditions import OVER, PARTNERS, find_condition
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, did_you_mean
@@ -19,7 +19,7 @@ from eyechart.importing.log_warnings import notes
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
 from eyechart.manifest import LEDGER, RunManifest, asked_of
-from eyechart.models import OpenedModel, open_policy
+from eyechart.models import OpenedModel, history_of, open_policy
 from eyechart.planned_run import RunAllowance, RunEnding, calls_ended
 from eyechart.prompts import policy_prompt
 from eyechart.run import MotionPlan, RunOptions, Stages, in_order, spread
@@ -133,6 +133,7 @@ def plan(
     _require_asked(bank)
     for spec, model in models.items():
         require_channels(spec, tuple(filter(None, model.facts.get("channels", "").split(", "))), bank)
+        require_history(spec, history_of(model.facts), bank)
     supplied, left_out = conditions_of(bank)
     asked = _conditions_asked(bank, conditions or supplied, shapley=extent.shapley)
     assert bank.manifest.motion is not None
