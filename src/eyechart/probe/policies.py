@@ -478,11 +478,12 @@ def _varies(asked: _ProbeFrames, order: list[Decision[Motion]], further: Mapping
 def _with_history(check: PolicyCheck, model: Model) -> PolicyCheck:
     """Return the check of constant answers; inconclusive where ``model`` may need earlier instants.
 
-    A policy that declares reset keeps something between calls. It begins each call without that.
+    A policy that declares reset, and no history, keeps something between calls. It begins each call
+    without that.
     """
-    if check.fine is not False or not isinstance(model, PolicyCallable) or model.reset is None:
+    if check.fine is not False or not isinstance(model, PolicyCallable) or model.reset is None or model.history:
         return check
-    said = "It declares reset, and each call gives it one instant: a policy with a history cannot be asked yet"
+    said = "It declares reset, and each call gives it one instant: if it needs earlier ones, let it declare history"
     return replace(check, fine=None, says=f"{check.says.partition(':')[0]}. {said}")
 
 
