@@ -19,6 +19,7 @@ mirror_axis = "horizontal"
 [[camera]]
 name = "side"
 column = "side"
+mirror_axis = "horizontal"
 [state]
 block = ["x", "y"]
 [motion]
@@ -49,7 +50,9 @@ def moved(*, episodes: int = 10, length: int = 8, gaps: tuple[tuple[int, int], .
 def draw(place: float) -> Image.Image:
     """Draw a white bar at a place from 0 to 1, blurred so that its middle tells the place to a part of a pixel."""
     near = np.exp(-(((np.arange(WIDE) - place * (WIDE - 1)) / 3) ** 2))
-    return Image.fromarray(np.repeat((255 * near).round().astype(np.uint8)[None, :, None], 12, axis=0).repeat(3, axis=2))
+    return Image.fromarray(
+        np.repeat((255 * near).round().astype(np.uint8)[None, :, None], 12, axis=0).repeat(3, axis=2)
+    )
 
 
 def middle(pixels: np.ndarray) -> np.ndarray:

@@ -44,8 +44,10 @@ class RowsBefore:
     def before(self, row: Row, number: int, *, chosen: bool) -> tuple[bool, list[NumberedRow]]:
         """Return whether a chosen row is kept, and the rows before it that no earlier window has."""
         episode, step = tuple(row.get(self.places.get(one, "")) for one in ("scenario", "episode")), 0
+        if "step" not in self.places:
+            return False, []
         with self.faults.noted():
-            step = read_step(row.get(self.places.get("step", "")), f"{self.table}, row {number}: the step")
+            step = read_step(row.get(self.places["step"]), f"{self.table}, row {number}: the step")
         known = self._last.setdefault(episode, deque(maxlen=self.history))
         whole = self._is_whole(episode, step) if chosen else False
         result = [(its, one) for _, its, one in known if whole and its not in self._kept]

@@ -12,6 +12,7 @@ from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
     CONTROLS,
+    NO_HISTORY,
     OVER,
     asked_in_stages,
     by_reason,
@@ -342,7 +343,7 @@ def planned(
         find_condition(name)
         require_camera(name, bank.frames[0].cameras)
         if (base := name.partition(OVER)[0]) not in supplied:
-            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
+            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, NO_HISTORY)}")
     extent.require_possible(chosen)
     manifest = RunManifest.begun(
         bank,

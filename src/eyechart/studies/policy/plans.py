@@ -10,7 +10,7 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import channels_of, instruction_column, require_channels, require_history
-from eyechart.conditions import OVER, PARTNERS, find_condition
+from eyechart.conditions import FROZEN, NO_HISTORY, OVER, PARTNERS, find_condition
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, did_you_mean
 from eyechart.event_loops import make_calls
@@ -178,6 +178,8 @@ def _unknown(name: str, bank: FrameBank) -> str:
     """Say which channel or camera of a condition the bank lacks, and which it has."""
     base, over, channel = name.partition(OVER)
     cameras = [camera.name for camera in bank.frames[0].cameras]
+    if base == FROZEN and not bank.manifest.history:
+        return NO_HISTORY
     if not over or (base not in PARTNERS and channel in cameras):
         return "the bank has no such pictures"
     what, known = ("channel", [*channels_of(bank)]) if base in PARTNERS else ("camera", cameras)
