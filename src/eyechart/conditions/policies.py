@@ -25,6 +25,7 @@ from eyechart.conditions import (
     TABLE,
     asked_of,
     is_available,
+    of_one_instant,
 )
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
@@ -119,7 +120,7 @@ def _lacking(name: str, bank: FrameBank) -> str:
         return "the bank does not say what a reflected motion is"
     if name == "mirrored" and (pair := _unlike_pair(bank)):
         return f"the pictures of {pair}, which exchange places, differ in size"
-    if bank.manifest.history and "counterfactual" in TABLE[base].needs:
+    if of_one_instant(base, bank):
         return ONE_INSTANT
     lacking = sum(not is_available(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"

@@ -13,12 +13,14 @@ from eyechart.conditions import (
     CONDITIONS,
     CONTROLS,
     NO_HISTORY,
+    ONE_INSTANT,
     OVER,
     asked_in_stages,
     by_reason,
     find_condition,
     is_available,
     of_bank,
+    of_one_instant,
     require_camera,
     require_partners,
     show,
@@ -413,6 +415,7 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
             left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
         elif not any(is_available(name, frame) for frame in bank):
             left_out[name] = "no frame has a mirror axis" if "axis" in needs else "no frame has its picture"
+            left_out[name] = ONE_INSTANT if of_one_instant(name, bank) else left_out[name]
         else:
             try:
                 require_partners((name,), bank)
