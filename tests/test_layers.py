@@ -28,7 +28,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception", "mpc"),
     ("calls", "conditions", "modes"),
-    ("channels", "messages"),
+    ("channels", "messages", "corruptions"),
     ("frames",),
     ("spaces",),
     ("stats", "cameras", "event_loops", "formats"),

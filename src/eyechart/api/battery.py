@@ -24,6 +24,7 @@ from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore, BatterySelection
+from eyechart.studies.battery.series import read_series
 from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
@@ -128,6 +129,7 @@ class _BatteryOptions(_Mode, total=False):
     seed: int
     limit: int | None
     controls: str | None
+    series: Sequence[str] | str | None
     again: bool
     accept_loss: bool
     moved: bool
@@ -154,8 +156,8 @@ def run_battery(
     f}`` is ``python:mine``). A model that is served elsewhere and given by its SPEC is probed
     first, once per run, unless ``probe`` is false.
 
-    ``prompt``, ``conditions``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run
-    battery``. ``again`` retries calls that failed in transport. ``accept_loss`` continues although
+    ``prompt``, ``conditions``, ``seed``, ``limit``, ``controls`` and ``series`` are those of
+    ``eyechart run battery``. ``again`` retries calls that failed in transport. ``accept_loss`` continues although
     the ledger lost finished calls. ``moved`` continues although addresses, keys or headers of
     models changed. ``sequential`` asks models one after another, with only one open at a time; that
     is the default for local models (``hf:``, ``ollama:``).
@@ -179,7 +181,9 @@ def run_battery(
         named["seed"] = whole_number("seed", named["seed"], 0)
     limit = named.pop("limit", None)
     extent = BatterySelection(
-        None if limit is None else whole_number("limit", limit, 1), controls=named.pop("controls", None)
+        None if limit is None else whole_number("limit", limit, 1),
+        controls=named.pop("controls", None),
+        series=() if (series := named.pop("series", None)) is None else read_series(series),
     )
     again, moved = named.pop("again", False), named.pop("moved", False)
     sequential = named.pop("sequential", None)
