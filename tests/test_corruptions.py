@@ -18,7 +18,6 @@ from eyechart.frames import MAIN, RGB, FrameBank, decode, encode
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_manifest
 from eyechart.spaces.failures import says_cannot_see
-from eyechart.studies import battery as study
 from eyechart.studies.battery.series import CLEAN, SERIES, StepEffect, pictures_at, read_series, results, unseeing
 
 SERIES_OF = tuple(CORRUPTIONS)
@@ -26,7 +25,7 @@ SERIES_OF = tuple(CORRUPTIONS)
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """A bank of 24 drives of four frames, most of them with the lead near and far."""
+    """Return a bank of 24 drives of four frames, most of them with the lead near and far."""
     return banks.build_bank(tmp_path_factory.mktemp("corrupted") / "bank", episodes=8, steps=4)
 
 
@@ -117,6 +116,7 @@ def test_a_step_is_a_condition_of_any_bank_and_asked_only_by_name(
 ) -> None:
     """It is in no default run; named, it has its agreement and its words; unknown steps are refused."""
     assert not set(STEPPED) & set(OF_BANKS)
+    assert "fog_1 ... fog_5" in eyechart(monkeypatch, capsys, "list", "conditions")
     run = tmp_path / "run"
     words = ("--model", "scripted:constant", "--frames", bank.root, "--out", run, "--conditions", "real,fog_3,blank")
     eyechart(monkeypatch, capsys, "run", "battery", *words)

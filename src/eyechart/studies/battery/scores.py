@@ -29,7 +29,7 @@ from eyechart.studies.battery.early_stop import EarlyStop, StoppingState
 from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
 from eyechart.studies.battery.plans import STUDY, plan_of
 from eyechart.studies.battery.requests import require_requests
-from eyechart.studies.battery.series import Said, series_statistics, step_in, unseeing
+from eyechart.studies.battery.series import StepReplies, series_statistics, step_in, unseeing
 from eyechart.studies.battery.stages import (
     ControlProgress,
     asked_of_model,
@@ -251,7 +251,7 @@ def score_run(
         if held:
             require_requests(ledger, manifest, plan)
         may, asked, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
-        series, said = series_of(manifest), dict[str, Said]()
+        series, said = series_of(manifest), dict[str, StepReplies]()
         for spec in manifest.models:
             replies = list(ledger.replies(spec))
             asked[spec] = asked_of_model(plan, spec, replies, may, series=series)
@@ -387,7 +387,7 @@ def _bare(statistic: Statistic) -> Statistic:
 
 
 def statistics_of(
-    answers: Answers, how: Resampling, *, independent: bool = False, said: Said | None = None
+    answers: Answers, how: Resampling, *, independent: bool = False, said: StepReplies | None = None
 ) -> dict[str, Statistic]:
     """Return the paper's statistics, the calibrated tests and the series of one model, by name."""
     plain = answers.under([name for name in answers.decisions if OVER not in name or not step_in(name)])

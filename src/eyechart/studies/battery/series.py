@@ -35,7 +35,7 @@ MOST_ASKED = 3
 OTHERS = ("real_repeat", "shuffled")
 """The pictures that are compared where the bank has no near and far lead."""
 
-Said = Mapping[str, tuple[int, int]]
+StepReplies = Mapping[str, tuple[int, int]]
 """By step, as ``fog_3``: replies that say that they cannot see, and all replies."""
 
 
@@ -91,7 +91,7 @@ def _moves_lead(answers: Answers, asked: Collection[str] = ()) -> bool:
     return has_both and answers.projection(NEAR_FAR[0], "brake") is not None
 
 
-def effect_at(answers: Answers, step: str = "", said: Said | None = None) -> StepEffect:
+def effect_at(answers: Answers, step: str = "", said: StepReplies | None = None) -> StepEffect:
     """Return the effect at a step such as ``fog_3``; in clean pictures without one."""
     at = f"{OVER}{step}" if step else ""
     if _moves_lead(answers):
@@ -128,7 +128,7 @@ def _differs(answers: Answers, one: str, other: str) -> Floats:
     return found
 
 
-def unseeing(replies: Iterable[tuple[CallKey, Reply]]) -> Said:
+def unseeing(replies: Iterable[tuple[CallKey, Reply]]) -> StepReplies:
     """Return by step how many replies say that they cannot see, and how many replies there are."""
     found: dict[str, tuple[int, int]] = {}
     for key, reply in replies:
@@ -144,7 +144,7 @@ def step_in(condition: str) -> str:
     return "" if step is None else f"{step[0].name}_{step[1]}"
 
 
-def series_statistics(answers: Answers, said: Said) -> dict[str, Statistic]:
+def series_statistics(answers: Answers, said: StepReplies) -> dict[str, Statistic]:
     """Return the effect in clean pictures and at each step that was asked; empty without a series."""
     steps = _asked(answers)
     found: dict[str, Statistic] = {CLEAN: effect_at(answers)} if steps else {}
