@@ -26,7 +26,7 @@ from eyechart.studies import policy
 pytestmark = pytest.mark.models
 
 GUEST, ACT = "python:guests_of_ray:answer", "python:guests_of_ray:act"
-NAMED = ["ignored"]
+NAMED = ["swap 0.2, 12"]
 HERE = Path(guests_of_ray.__file__).parent
 
 

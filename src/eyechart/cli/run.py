@@ -242,6 +242,7 @@ def _study(
     make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
 
 
+@options.expanded
 def policy(
     frames: options.Frames,
     out: options.Out,
