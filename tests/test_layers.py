@@ -31,7 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("channels", "messages", "corruptions"),
     ("frames",),
     ("spaces",),
-    ("stats", "cameras", "event_loops", "formats"),
+    ("stats", "cameras", "event_loops", "formats", "clusters"),
     ("errors", "seeds", "records", "keys"),
     ("regexes", "processes", "scratch"),
 )

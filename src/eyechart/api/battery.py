@@ -134,6 +134,9 @@ class _BatteryOptions(_Mode, total=False):
     accept_loss: bool
     moved: bool
     sequential: bool | None
+    engine: str
+    workers: int
+    gpus: float
 
 
 @speaks_of_arguments
@@ -160,7 +163,8 @@ def run_battery(
     ``eyechart run battery``. ``again`` retries calls that failed in transport. ``accept_loss`` continues although
     the ledger lost finished calls. ``moved`` continues although addresses, keys or headers of
     models changed. ``sequential`` asks models one after another, with only one open at a time; that
-    is the default for local models (``hf:``, ``ollama:``).
+    is the default for local models (``hf:``, ``ollama:``). With ``engine="ray"``, so many
+    ``workers`` of the cluster of RAY_ADDRESS hold each model, and each claims ``gpus``.
 
     ``base_url``, ``max_tokens``, ``temperature`` and the other fields of a
     `eyechart.modes.RequestMode` (all but ``seed``) apply to models that are not given by a request
@@ -187,6 +191,7 @@ def run_battery(
     )
     again, moved = named.pop("again", False), named.pop("moved", False)
     sequential = named.pop("sequential", None)
+    cluster = {name: named.pop(name) for name in ("engine", "workers", "gpus") if name in named}
     if sequential not in (True, False, None):
         raise SpecError(f"sequential must be True, False or None, not {sequential!r}")
     if named.pop("accept_loss", False):
@@ -196,7 +201,7 @@ def run_battery(
         return battery.plan(root, [held.get(mode.spec, mode) for mode in modes], place, extent=extent, **named)
 
     bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
-    allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds)
+    allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds, **cluster)
     runmodes = RunModes(modes, by_option, how)
     planned = plan_probed(Planner(plan, [place]), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a failed probe raises before this

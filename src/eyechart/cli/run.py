@@ -254,6 +254,7 @@ def _study(
     make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
 
 
+@options.expanded
 def policy(
     frames: options.Frames,
     out: options.Out,
@@ -279,6 +280,7 @@ def policy(
     again: options.AskAgain = False,
     accept_loss: options.AcceptLoss = False,
     dry_run: options.DryRun = False,
+    cluster: options.ClusterOptions = options.ON_THIS_MACHINE,
 ) -> None:
     """Ask policies about every frame of a bank, with channels exchanged between episodes.
 
@@ -297,7 +299,7 @@ def policy(
         return study.plan(frames, policy or (), out, seed=seed, extent=extent, conditions=asked, timeout_s=timeout_s)
 
     spending = options.CostLimits(max_calls, accept_loss=accept_loss)
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again, **vars(cluster))
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
     make(Planner(planned, [out]), NOBODY, allowed, done)
 

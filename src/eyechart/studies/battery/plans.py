@@ -5,8 +5,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
+from eyechart.clusters import require_engine
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
@@ -44,6 +45,7 @@ from eyechart.manifest import (
     write_run,
 )
 from eyechart.models import Model, OpenedModel, open_model, sequential_groups
+from eyechart.models.actors import ActorPool
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
@@ -159,10 +161,21 @@ class Battery(PlannedRun):
 
     def make(self, how: RunAllowance, bar: Bar) -> RunOutcome:
         """Make the remaining calls."""
+        require_engine(how.engine)
         limits = how.limits(self.manifest)
         asked: dict[str, Any] = {"again": how.again, "sequential": how.sequential, "limits": limits}
+        here, concurrency = self, how.concurrency
+        if how.engine == "ray":
+            here, concurrency = self._held(ActorPool(how.workers, how.gpus)), concurrency * how.workers
         with bar("calls", self.unit) as move:
-            return make_calls(partial(run, self, concurrency=how.concurrency, **asked), move)
+            return make_calls(partial(run, here, concurrency=concurrency, **asked), move)
+
+    def _held(self, pool: ActorPool) -> Self:
+        """Return the battery with its models held by actors, if any call is left."""
+        if not self.left():
+            return self
+        modes = {spec: self.manifest.mode(spec) for spec in self.plan.models}
+        return replace(self, models=pool.hold(self.models, modes, self.plan.prompt.who))
 
     def ends(self, outcome: RunOutcome, failed: Mapping[str, str]) -> Iterator[RunEnding]:
         """Yield what was saved, how the calls ended, and which models gave empty replies."""
