@@ -209,7 +209,7 @@ def test_conditions_act_on_every_instant(bank: FrameBank) -> None:
     """Grey, noise, one pixel, a reflection and no picture; noise is drawn anew for each instant."""
     frame = bank.frames[7]
     real = show("real", frame, bank, 0)
-    for name in ("blank", "noise", "nudged", "mirrored"):
+    for name in ("blank", "noise", "nudged", "mirrored", "fog_3"):
         made = show(name, frame, bank, 0)
         assert len(made.past) == 2
         for own, one in zip((*real.past, real), (*made.past, made), strict=True):
