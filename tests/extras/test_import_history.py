@@ -42,12 +42,12 @@ def test_each_frame_has_the_rows_before_it(tmp_path: Path, inside: bool) -> None
     """With the pictures of videos as with those in the data files; a picture is decoded and stored once."""
     arm(tmp_path / "set", inside=inside)
     bank = bank_of(tmp_path / "set", every=3)
-    assert [frame.step for frame in bank] == [3, 6, 9] * 8
+    assert [frame.step for frame in bank] == [2, 5, 8] * 8
     assert all([one.step for one in frame.window] == [*range(frame.step - 2, frame.step + 1)] for frame in bank)
     assert is_of_its_state(bank)
     assert check(bank.root) == []
-    assert len(bank.manifest.images) == 2 * 8 * 9  # of every step but the first, in two cameras
-    alone = bank_of(tmp_path / "set", "alone", history=0, every=3)
+    assert len(bank.manifest.images) == 2 * 8 * 9  # of every step but the last, in two cameras
+    alone = bank_of(tmp_path / "set", "alone", history=0)
     for frame in bank:
         own = alone.frame(frame.id)
         assert (frame.motion, frame.state, frame.fields) == (own.motion, own.state, own.fields)
@@ -106,7 +106,7 @@ def test_the_command_takes_a_history_and_says_what_is_left_out(tmp_path: Path) -
     assert (bank.manifest.history, bank.manifest.motion, len(bank)) == (1, None, 24)
     refused = CliRunner().invoke(app, [*how, "--history", "10", "--out", str(tmp_path / "none")])
     assert isinstance(refused.exception, SourceError)
-    assert str(refused.exception).startswith("--history 10: set has no moment with so many rows before it: 32 moments")
+    assert str(refused.exception).startswith("--history 10: set has no moment with so many rows before it: 80 moments")
     assert not (tmp_path / "none").exists()
 
 
