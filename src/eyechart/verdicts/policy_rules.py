@@ -124,20 +124,25 @@ _HEARS, _STATE = "T.swapped@instruction", "T.swapped@state"
 _MOVES = tuple(f"{which}_{side}" for which in ("named", "other") for side in ("plus", "minus"))
 _ALL_MOVES = (*_MOVES, *(f"told_{name}" for name in _MOVES))
 _FORGOT_MOVES = f"forgot:{','.join(_ALL_MOVES)}"
+_USES = "uses_camera"
+"""The label of pictures that are used, where whether for more than the pose is open."""
 CameraNames = tuple[tuple[str, ...], tuple[str, ...]]
 """The single cameras that have shares, and those that the run left out."""
 
 
-def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: CameraNames = ((), ())) -> Iterator[Rule]:
+def _absence(
+    rule: Rule, claim: str, channel: str, shown: str, beside: CameraNames = ((), ()), otherwise: str = "undecided"
+) -> Iterator[Rule]:
     """Yield a rule of absence after the rules that take it away.
 
     These are: a part of the answer or another picture shows a use, a control was not run, or too
-    many episodes respond. ``shown`` has the shares that the label rests on, in words.
+    many episodes respond. ``shown`` has the shares that the label rests on, in words. The label is
+    then ``otherwise``; what a run left out leaves it undecided.
     """
     rests, bound = tuple(f"T.{name}" for name in rests_on(claim, channel)), f"{claim}@{channel}"
 
-    def unless(sentence: str, *broken: Clause, needs: tuple[Clause, ...] = ()) -> Rule:
-        return undecided(rule.decided_by, (*rule.needs, *needs), f"{shown}; {sentence}", *broken)
+    def unless(sentence: str, *broken: Clause, needs: tuple[Clause, ...] = (), label: str = otherwise) -> Rule:
+        return Rule(label, rule.decided_by, (*rule.needs, *needs), f"{shown}; {sentence}", broken)
 
     parts = f"{{parts:{','.join(rests)}}}"
     yield unless(f"but that is the mean over all numbers, and some go with it: {parts}", *map(_no_part, rests))
@@ -149,7 +154,7 @@ def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: CameraNam
     yield unless(other, needs=seeds)
     if controls := _controls(claim, channel, (*beside[0], *beside[1])):
         open_ = f"whether other pictures show a use is open: {{forgot:{','.join(controls)}}}"
-        yield unless(open_, *map(asked, controls))
+        yield unless(open_, *map(asked, controls), label="undecided")
     for exact in ((compared("noise", "value", "<", LEAST_NOISE),), tuple(map(missing, rests))):
         some = (*exact, compared(bound, "value", ">", OF_DATA_SET))
         yield unless(f"but that is the mean, and {{responding:{bound}}}", needs=some)
@@ -277,9 +282,9 @@ class _CameraRules:
         few, only = f"{{few:{self.channel}}}", f"changes only {{share:{matched}}}"
         shown = f"{self.shown}, but a picture of another episode at a similar state{few} {only}"
         why = f"in these moments any other episode's changes {{share:{alike}}}, so that what it uses elsewhere is open"
-        yield undecided(alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
+        yield Rule(_USES, alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
         pose = Rule("pose_only", matched, needs, f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
-        yield from _absence(pose, "responds.alike", self.channel, shown, self.beside)
+        yield from _absence(pose, "responds.alike", self.channel, shown, self.beside, otherwise=_USES)
 
     def content(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
         """Yield the rules of pictures whose content decides.
@@ -291,27 +296,28 @@ class _CameraRules:
         beyond, near = f"beyond@{self.channel}", f"near@{self.channel}"
         unseen = (*needs, fail(use(beyond)), *map(fail, _proofs(self.channel)))
         own = f"{{lost:{beyond}|own:{self.channel}}}{{also:{self.share('exchanged')}}}"
-        yield undecided(
-            beyond, (*unseen, *measured_clauses(beyond)), f"{self.seen}; but {own}: it may read its own pose"
-        )
+        said = f"{self.seen}; but {own}: it may read its own pose"
+        yield Rule(_USES, beyond, (*unseen, *measured_clauses(beyond)), said)
         why = f"{{without:{near}|why_open:{beyond}}}{{also:{self.share('exchanged')}}}"
         why = f"{self.seen}; without a picture of its own episode it may read its own pose: {why}"
-        yield from (undecided(beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
+        yield undecided(beyond, unseen, why, asked(near))
+        yield from (Rule(_USES, beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
         plain = Rule("camera_content", self.share("matched"), needs, self.seen)
         if self.channel == "cameras":
             yield from _grounded(plain, self.seen)
         yield plain
 
     def open(self) -> Iterator[Rule]:
-        """Yield the rules of pictures that are neither used nor ignored."""
+        """Yield the rules of pictures that are neither used nor ignored, or used for what is open."""
         swap, matched = self.swap, self.share("matched")
         neither = (fail(use(swap)), fail(disuse(swap)))
         yield undecided(swap, neither, f"{self.shown}: {{why_open:{swap}}}")
         why = f"{{without:matched@{self.channel}|note:{matched}|=the bank has no state to match by}}"
         unmatched = f"{self.shown}: whether it tells more than the pose is open: {why}"
-        yield undecided(swap, (missing(matched, "value"),), unmatched)
+        for label, used in ((_USES, use(swap)), ("undecided", ())):
+            yield Rule(label, swap, (*used, missing(matched, "value")), unmatched)
         shown = f"{self.shown}: where the state is alike it is {{share:{matched}}}, {{lost:{matched}|="
-        yield undecided(swap, use(swap), f"{shown}neither above {USED} nor below {IGNORED}}}")
+        yield Rule(_USES, swap, use(swap), f"{shown}neither above {USED} nor below {IGNORED}}}")
         yield undecided(swap, (), f"{shown}not below {IGNORED}}}")
 
 
