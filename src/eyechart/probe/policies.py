@@ -282,7 +282,9 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         order = [await calls.motion(seen) for seen in (mine, mine, theirs, mine)]
         changed = {name: await calls.motion(seen) for name, seen in asked.changed()}
         further = {frame.id: await calls.motion(asked.of(frame)) for frame in asked.further}
-        findings = [_motions(calls, [*order, *changed.values(), *further.values()])]
+        # A run judges a policy that fails on grey alone by its other answers, so that is no fault here.
+        seen = [answer for name, answer in changed.items() if name != "grey"]
+        findings = [_motions(calls, [*order, *seen, *further.values()])]
         forms = await _formed(calls, further) if not _drawn(order) else {}
     finally:
         await close(model)
@@ -353,6 +355,7 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
     for name, one in changed.items():
         if one.action is None or drawn:
             why = "the call was not made" if one is _UNASKED else f"no motion: {one.reason}"
+            why += ". A run judges it by its other answers" if name == "grey" and one is not _UNASKED else ""
             why = "its answers are drawn at random, so a change shows nothing" if drawn else why
             yield PolicyCheck(name, None, why)
         elif (size := _apart(first, one.action)) <= near:
