@@ -124,25 +124,22 @@ _HEARS, _STATE = "T.swapped@instruction", "T.swapped@state"
 _MOVES = tuple(f"{which}_{side}" for which in ("named", "other") for side in ("plus", "minus"))
 _ALL_MOVES = (*_MOVES, *(f"told_{name}" for name in _MOVES))
 _FORGOT_MOVES = f"forgot:{','.join(_ALL_MOVES)}"
-_USES = "uses_camera"
-"""The label of pictures that are used, where whether for more than the pose is open."""
+_DRAWN = (Reading("low", ">", COLOURED), Reading("p", "missing"))
+"""Where answers are drawn, an open use counts from here on: it is a further chance to err."""
 CameraNames = tuple[tuple[str, ...], tuple[str, ...]]
 """The single cameras that have shares, and those that the run left out."""
 
 
-def _absence(
-    rule: Rule, claim: str, channel: str, shown: str, beside: CameraNames = ((), ()), otherwise: str = "undecided"
-) -> Iterator[Rule]:
+def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: CameraNames = ((), ())) -> Iterator[Rule]:
     """Yield a rule of absence after the rules that take it away.
 
     These are: a part of the answer or another picture shows a use, a control was not run, or too
-    many episodes respond. ``shown`` has the shares that the label rests on, in words. The label is
-    then ``otherwise``; what a run left out leaves it undecided.
+    many episodes respond. ``shown`` has the shares that the label rests on, in words.
     """
     rests, bound = tuple(f"T.{name}" for name in rests_on(claim, channel)), f"{claim}@{channel}"
 
-    def unless(sentence: str, *broken: Clause, needs: tuple[Clause, ...] = (), label: str = otherwise) -> Rule:
-        return Rule(label, rule.decided_by, (*rule.needs, *needs), f"{shown}; {sentence}", broken)
+    def unless(sentence: str, *broken: Clause, needs: tuple[Clause, ...] = ()) -> Rule:
+        return undecided(rule.decided_by, (*rule.needs, *needs), f"{shown}; {sentence}", *broken)
 
     parts = f"{{parts:{','.join(rests)}}}"
     yield unless(f"but that is the mean over all numbers, and some go with it: {parts}", *map(_no_part, rests))
@@ -154,7 +151,7 @@ def _absence(
     yield unless(other, needs=seeds)
     if controls := _controls(claim, channel, (*beside[0], *beside[1])):
         open_ = f"whether other pictures show a use is open: {{forgot:{','.join(controls)}}}"
-        yield unless(open_, *map(asked, controls), label="undecided")
+        yield unless(open_, *map(asked, controls))
     for exact in ((compared("noise", "value", "<", LEAST_NOISE),), tuple(map(missing, rests))):
         some = (*exact, compared(bound, "value", ">", OF_DATA_SET))
         yield unless(f"but that is the mean, and {{responding:{bound}}}", needs=some)
@@ -243,18 +240,30 @@ class _CameraRules:
         return f"{self.shown}, and {{share:{self.share('matched')}}} where the state is alike{{still:{self.channel}}}"
 
     def axis(self) -> Axis:
-        """Return its rules."""
+        """Return its rules.
+
+        Where pictures are used, and the run left nothing out, what is open is what for.
+        """
         swap, matched, alike = self.swap, self.share("matched"), f"matched@{self.channel}"
         open_ = f"{self.what} cannot be judged: {{without:swapped@{self.channel}|why_open:{swap}}}"
         rules = (
             undecided(swap, (missing(swap, "value"),), open_),
             undecided(swap, (), f"{self.shown}; {{forgot:{alike}}}", asked(alike)),
             *self.unshown(),
-            *self.pose((*use(swap), *disuse(matched))),
-            *self.content((*use(swap), *use(matched))),
-            *self.open(),
+            *self.used(self.pose((*use(swap), *disuse(matched)))),
+            *self.used(self.content((*use(swap), *use(matched)))),
+            *self.used(self.open()),
         )
         return Axis(self.channel, rules)
+
+    def used(self, rules: Iterator[Rule]) -> Iterator[Rule]:
+        """Yield rules, and before each of what is open one by which pictures are used all the same."""
+        firm = (*use(self.swap), Clause(self.swap, _DRAWN))
+        for rule in rules:
+            forgotten = any(one.statistic.startswith("asked.") for one in rule.broken)
+            if rule.label == "undecided" and not forgotten:
+                yield replace(rule, label="uses_camera", needs=(*rule.needs, *firm))
+            yield rule
 
     def unshown(self) -> Iterator[Rule]:
         """Yield the rules of pictures that may be another episode's, or none."""
@@ -282,9 +291,9 @@ class _CameraRules:
         few, only = f"{{few:{self.channel}}}", f"changes only {{share:{matched}}}"
         shown = f"{self.shown}, but a picture of another episode at a similar state{few} {only}"
         why = f"in these moments any other episode's changes {{share:{alike}}}, so that what it uses elsewhere is open"
-        yield Rule(_USES, alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
+        yield undecided(alike, (*needs, measured(alike), fail(use(alike))), f"{shown}; {why}")
         pose = Rule("pose_only", matched, needs, f"{shown}: it reads what its state tells too{{rest:{self.channel}}}")
-        yield from _absence(pose, "responds.alike", self.channel, shown, self.beside, otherwise=_USES)
+        yield from _absence(pose, "responds.alike", self.channel, shown, self.beside)
 
     def content(self, needs: tuple[Clause, ...]) -> Iterator[Rule]:
         """Yield the rules of pictures whose content decides.
@@ -296,28 +305,28 @@ class _CameraRules:
         beyond, near = f"beyond@{self.channel}", f"near@{self.channel}"
         unseen = (*needs, fail(use(beyond)), *map(fail, _proofs(self.channel)))
         own = f"{{lost:{beyond}|own:{self.channel}}}{{also:{self.share('exchanged')}}}"
-        said = f"{self.seen}; but {own}: it may read its own pose"
-        yield Rule(_USES, beyond, (*unseen, *measured_clauses(beyond)), said)
+        yield undecided(
+            beyond, (*unseen, *measured_clauses(beyond)), f"{self.seen}; but {own}: it may read its own pose"
+        )
         why = f"{{without:{near}|why_open:{beyond}}}{{also:{self.share('exchanged')}}}"
         why = f"{self.seen}; without a picture of its own episode it may read its own pose: {why}"
         yield undecided(beyond, unseen, why, asked(near))
-        yield from (Rule(_USES, beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
+        yield from (undecided(beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
         plain = Rule("camera_content", self.share("matched"), needs, self.seen)
         if self.channel == "cameras":
             yield from _grounded(plain, self.seen)
         yield plain
 
     def open(self) -> Iterator[Rule]:
-        """Yield the rules of pictures that are neither used nor ignored, or used for what is open."""
+        """Yield the rules of pictures that are neither used nor ignored."""
         swap, matched = self.swap, self.share("matched")
         neither = (fail(use(swap)), fail(disuse(swap)))
         yield undecided(swap, neither, f"{self.shown}: {{why_open:{swap}}}")
         why = f"{{without:matched@{self.channel}|note:{matched}|=the bank has no state to match by}}"
         unmatched = f"{self.shown}: whether it tells more than the pose is open: {why}"
-        for label, used in ((_USES, use(swap)), ("undecided", ())):
-            yield Rule(label, swap, (*used, missing(matched, "value")), unmatched)
+        yield undecided(swap, (missing(matched, "value"),), unmatched)
         shown = f"{self.shown}: where the state is alike it is {{share:{matched}}}, {{lost:{matched}|="
-        yield Rule(_USES, swap, use(swap), f"{shown}neither above {USED} nor below {IGNORED}}}")
+        yield undecided(swap, use(swap), f"{shown}neither above {USED} nor below {IGNORED}}}")
         yield undecided(swap, (), f"{shown}not below {IGNORED}}}")
 
 
