@@ -125,7 +125,11 @@ _MOVES = tuple(f"{which}_{side}" for which in ("named", "other") for side in ("p
 _ALL_MOVES = (*_MOVES, *(f"told_{name}" for name in _MOVES))
 _FORGOT_MOVES = f"forgot:{','.join(_ALL_MOVES)}"
 _DRAWN = (Reading("low", ">", COLOURED), Reading("p", "missing"))
-"""Where answers are drawn, an open use counts from here on: it is a further chance to err."""
+"""Where answers are drawn, an open use counts from here on: it is a further chance to err.
+
+With the margin of a use it was untrue in .0144 of 5000 data sets (noise 1, two answers), and with
+this one in .0088.
+"""
 CameraNames = tuple[tuple[str, ...], tuple[str, ...]]
 """The single cameras that have shares, and those that the run left out."""
 
