@@ -47,6 +47,8 @@ _FAINT = 0.02
 _CONSTANT, _NOISY = 0.02, 0.5
 """Shares of variance: below the first, of the log's, answers are constant. Repeats above the
 second, of the answers', hide whether they are."""
+_REVERSED, _DIGITS = 0.9, 6
+"""From this share of steps on the wrong side a number of two values, equal to so many decimals, is reversed."""
 _FITS, _BETTER = 0.25, 0.25
 """Shares of error: below the first, of the log's variance, an answer fits the log. Below the
 second, of the given pictures' error, another form fits better."""
@@ -513,6 +515,26 @@ def _with_history(check: PolicyCheck, model: Model) -> PolicyCheck:
     return replace(check, fine=None, says=f"{check.says.partition(':')[0]}. {said}")
 
 
+def _reversed(asked: _ProbeFrames, kept: Sequence[tuple[Frame, Floats]]) -> PolicyCheck | None:
+    """Return the check of a number with two values in the log that nearly always has the other one.
+
+    A gripper is such a number, and data sets close it by either sign.
+    """
+    log = np.concatenate([frame.motion for frame in asked.logs])
+    logged = np.concatenate([frame.motion for frame, _ in kept])
+    own = np.concatenate([numbers for _, numbers in kept])
+    for number in asked.space.plain:
+        values = np.unique(np.round(log[:, number], _DIGITS))
+        wanted, given = (many[:, number] > values.mean() for many in (logged, own))
+        if len(values) != 2 or wanted.all() or not wanted.any():
+            continue
+        if (share := float((wanted != given).mean())) >= _REVERSED and given.any() and not given.all():
+            name = asked.space.dimensions[number].name
+            said = f"'{name}' has two values in the log, and the answers have the other one in {share:.0%} of the steps"
+            return PolicyCheck("unit", False, f"{said}: is its sign the other, as of a gripper that closes by it?")
+    return None
+
+
 def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
     """Check whether the numbers have the log's size, which excludes another unit.
 
@@ -523,6 +545,8 @@ def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> Polic
     if len(kept) < 2:
         return PolicyCheck("unit", None, "too few logged motions to compare the answers with")
     frames = [frame for frame, _ in kept]
+    if (turned := _reversed(asked, kept)) is not None:
+        return turned
     answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
     logged, every = asked.logged(frames), asked.logged(asked.logs)
     here, usual, size = (np.maximum(np.sqrt((one**2).mean(axis=(0, 1))), 1e-9) for one in (logged, every, answers))
