@@ -1,4 +1,4 @@
-"""Series of corruptions on readers of known acuity: does the series find the last step at which each still sees?
+"""Series of corruptions on readers of known acuity: the last step at which each still sees, found and true.
 
     make long-series
 
@@ -41,7 +41,7 @@ class Reader:
 
     def is_near(self, pixels: RGB) -> bool:
         """Return whether it calls the lead near."""
-        high, wide, _ = pixels.shape
+        high, _, _ = pixels.shape
         strip = pixels[int(0.55 * high) : int(0.75 * high)].astype(np.float64)
         rows, columns = (side // self.cell for side in strip.shape[:2])
         cut = strip[: rows * self.cell, : columns * self.cell].reshape(rows, self.cell, columns, self.cell, 3)
