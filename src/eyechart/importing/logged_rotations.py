@@ -239,9 +239,11 @@ def _off_frame(rows: Floats) -> float:
 def _seen(rows: Floats, joined: np.ndarray | None) -> Representation | Literal[""]:
     """Return the rotation that rows of 3, 4 or 6 numbers show beyond doubt, "" for none.
 
-    Rows of zeros and ones are no evidence, and at least three numbers must vary.
+    Rows of zeros and ones are no evidence, and at least three numbers must vary. Of a quaternion
+    two are enough: those of a turn about one axis.
     """
-    if len(rows) < LEAST_SEEN or (rows.std(axis=0) > _EXACT).sum() < 3 or np.isin(rows, (0, 1, -1)).all():
+    least = 2 if rows.shape[1] == 4 else 3
+    if len(rows) < LEAST_SEEN or (rows.std(axis=0) > _EXACT).sum() < least or np.isin(rows, (0, 1, -1)).all():
         return ""
     if rows.shape[1] == 6:
         return "rot6d" if _off_frame(rows) <= _EXACT else ""
