@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from eyechart.channels import CAMERAS
+from eyechart.channels import CAMERAS, InputShapes
 from eyechart.costs import assumed, estimate
 from eyechart.formats import FORMATS
 from eyechart.frames import open_bank
@@ -54,11 +54,13 @@ def steps_of(wanted: LookRequest) -> int:
         return 1
     if (before := wanted.pictures.made_with(wanted.out)) is not None:
         return before
+    held = wanted.held or open_policy(wanted.spec)
+    if (shapes := InputShapes.of(held.model.facts)) is not None:
+        return shapes.steps
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
         a_few = {"choices": Choices(every=_SELDOM), "ahead": Horizon(1, "delta", rotations=None)}
         FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
-        held = wanted.held or open_policy(wanted.spec)
         policy.run(policy.plan(bank, [held], run, extent=PolicySelection(1), conditions=("real",)))
         with Ledger(run / LEDGER) as ledger:
             ((_, reply),) = ledger.replies(wanted.spec)

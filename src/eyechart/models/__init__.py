@@ -73,6 +73,7 @@ WEIGHTS_GB, MEMORY_GB = "weights_gb", "memory_gb"
 POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
+    "lerobot": "eyechart.models.lerobot",
 }
 """The module of each adapter of policies; a policy is a model that answers with a motion."""
 
