@@ -230,7 +230,9 @@ def _read(path: Path, kind: type[T]) -> T:
             "lerobot:outputs/train/my_act/checkpoints/last/pretrained_model"
         )
     with raising(SpecError, f"{path} cannot be read", of=ValueError):
-        return build(kind, parse_json(read_at_most(path, _MOST_JSON, SpecError, "a description"), 100_000))
+        return build(
+            kind, parse_json(read_at_most(path, _MOST_JSON, SpecError, "a description"), 100_000), foreign=True
+        )
 
 
 def _require_known(folder: Path, config: PolicyConfig) -> None:
