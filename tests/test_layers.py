@@ -95,6 +95,7 @@ ASSEMBLED = {
     "ledger",
     "looks",
     "models.huggingface",
+    "models.lerobot",
     "probe",
     "report",
     "serve",

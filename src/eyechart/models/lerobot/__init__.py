@@ -28,7 +28,7 @@ from eyechart.channels import flat_state
 from eyechart.errors import SpecError, printable
 from eyechart.frames import Stimulus, pixels_of
 from eyechart.models import require_options
-from eyechart.models.lerobot.checkpoint import Checkpoint, read_checkpoint
+from eyechart.models.lerobot.checkpoint import PolicyCheckpoint, read_checkpoint
 from eyechart.models.lerobot.process import Header, read_message, write_message
 from eyechart.models.python_callable import NotCalledError, in_thread
 from eyechart.modes import RequestMode, without_secrets
@@ -108,7 +108,7 @@ class PolicyProcess:
 class LeRobotPolicy:
     """A checkpoint as a model. Its process begins with the first call, and ends when it is closed."""
 
-    checkpoint: Checkpoint
+    checkpoint: PolicyCheckpoint
     python: str
     device: str
     timeout_s: float

@@ -92,7 +92,7 @@ class ProcessorFile(msgspec.Struct):
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class PolicyCheckpoint:
     """A checkpoint's folder, with its configuration and its processors."""
 
     folder: Path
@@ -182,7 +182,7 @@ class Checkpoint:
         return ((name, one) for name, one in self.config.input_features.items() if one.type == kind)
 
 
-def read_checkpoint(name: str) -> Checkpoint:
+def read_checkpoint(name: str) -> PolicyCheckpoint:
     """Return the checkpoint of a folder, or of its folder ``pretrained_model``.
 
     Raises SpecError for a folder that holds none, or one that cannot be called.
@@ -193,7 +193,7 @@ def read_checkpoint(name: str) -> Checkpoint:
     for file in (WEIGHTS, BEFORE, AFTER):
         if not (folder / file).is_file():
             raise SpecError(f"the checkpoint {folder} holds no {file}: {_LACKING[file].format(folder)}")
-    found = Checkpoint(folder, config, _read(folder / BEFORE, ProcessorFile), _read(folder / AFTER, ProcessorFile))
+    found = PolicyCheckpoint(folder, config, _read(folder / BEFORE, ProcessorFile), _read(folder / AFTER, ProcessorFile))
     for file, processor in ((BEFORE, found.before), (AFTER, found.after)):
         for step in processor.steps:
             _require_sound(folder, file, step)
@@ -278,7 +278,7 @@ def _require_sound(folder: Path, file: str, step: ProcessorEntry) -> None:
         raise SpecError(f"the checkpoint {folder} holds no {printable(state)}, which {file} names: copy it there")
 
 
-def _require_normalised(found: Checkpoint) -> None:
+def _require_normalised(found: PolicyCheckpoint) -> None:
     """Raise SpecError if the configuration names a normalisation, and no step does it."""
     kinds = {kind for kind, mode in found.config.normalization_mapping.items() if mode != "IDENTITY"}
     inputs = {one.type for one in found.config.input_features.values()}

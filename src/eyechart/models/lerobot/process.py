@@ -91,14 +91,13 @@ class LoadedPolicy:
         self.before, self.after = make_pre_post_processors(config, pretrained_path=folder, preprocessor_overrides=moved)
         for step in (*self.before.steps, *self.after.steps):
             _require_statistics(step)
-        self.torch, self.config = torch, config
+        self.torch, self.config, self._seed = torch, config, 0
         self.chunk: Callable[[Sequence[Batch]], Any] = _WAYS[asked["window"]](self)
 
     def answer(self, asked: Header, raw: bytes) -> tuple[Header, bytes]:
         """Return a chunk of actions in the units of the data set, shape (steps, dimensions)."""
-        random.seed(asked["seed"])
-        np.random.seed(asked["seed"] % 2**32)  # noqa: NPY002 - policies draw from it
-        self.torch.manual_seed(asked["seed"])
+        self._seed = int(asked["seed"])
+        self.seed()
         for one in (self.policy, self.before, self.after):
             one.reset()
         with self.torch.no_grad():
@@ -106,6 +105,12 @@ class LoadedPolicy:
             chunk = self.after(self.chunk([_without_action(one) for one in given]))
         array = np.ascontiguousarray(chunk[0].float().cpu().numpy(), "<f4")
         return {"shape": array.shape}, array.tobytes()
+
+    def seed(self) -> None:
+        """Set what policies draw from to the seed of the call."""
+        random.seed(self._seed)
+        np.random.seed(self._seed % 2**32)  # noqa: NPY002 - policies draw from it
+        self.torch.manual_seed(self._seed)
 
     def _batch(self, seen: tuple[Mapping[str, Any], Any], task: str) -> Header:
         """Return one instant as LeRobot's processors take it: pictures (1, 3, h, w) from 0 to 1."""
@@ -157,6 +162,7 @@ def _queued(loaded: LoadedPolicy) -> Callable[[Sequence[Batch]], Any]:
     def chunk(instants: Sequence[Batch]) -> Any:  # noqa: ANN401 - of torch
         for one in instants:
             loaded.policy.select_action(dict(one))
+        loaded.seed()  # to fill the queue, numbers were drawn
         return loaded.policy.predict_action_chunk({**instants[-1], "observation.images": None})
 
     return chunk
