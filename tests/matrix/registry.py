@@ -178,7 +178,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ): "begins a worker of Ray, whose cluster ends it: tests/extras",
     ("eyechart.episodes.ray_workers", "join"): "joins a cluster of Ray: tests/extras",
     ("eyechart.episodes.records", "recorded"): "reads drives for a page: tests/episodes",
-    ("eyechart.frames.folder", "BankWriter.leave_out"): "removes a picture that an import leaves out: tests/extras",
+    ("eyechart.frames.folder", "BankWriter._remove"): "removes a picture that an import leaves out: tests/extras",
     ("eyechart.inspect", "_batch"): "runs inside Inspect AI, on what eyechart exported: benchmarks/inspect_battery.py",
     ("eyechart.inspect", "_rows"): "runs inside Inspect AI, on what eyechart exported: benchmarks/inspect_battery.py",
     (

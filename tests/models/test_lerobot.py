@@ -246,7 +246,10 @@ FAULTS: dict[str, tuple[Any, str]] = {
     "no config": (lambda f: (f / "config.json").unlink(), "holds no config.json: give the folder that save_pretrained"),
     "no JSON": (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
     "a count in words": (lambda f: _edited(f, "config.json", n_obs_steps="two"), "n_obs_steps"),
-    "no weights": (lambda f: (f / "model.safetensors").unlink(), "holds no model.safetensors: weights are read in this"),
+    "no weights": (
+        lambda f: (f / "model.safetensors").unlink(),
+        "holds no model.safetensors: weights are read in this",
+    ),
     "before LeRobot 0.4": (lambda f: (f / "policy_preprocessor.json").unlink(), "migrate_policy_normalization --pretr"),
     "no numbers": (
         lambda f: (f / "policy_preprocessor_numbers.safetensors").unlink(),
@@ -255,13 +258,18 @@ FAULTS: dict[str, tuple[Any, str]] = {
     "an unknown type": (lambda f: _edited(f, "config.json", type="difusion"), "did you mean 'diffusion'"),
     "code of the Hub": (lambda f: _edited(f, "config.json", type="groot"), "lerobot: calls act, diffusion, vqbet"),
     "an adapter": (lambda f: _edited(f, "config.json", use_peft=True), r"is an adapter \(PEFT\): merge it"),
-    "a history": (lambda f: _edited(f, "config.json", n_obs_steps=2), r"reads 2 instants \(n_obs_steps\)"),
+    "a history": (
+        lambda f: _edited(f, "config.json", n_obs_steps=2),
+        r"reads 2 instants \(n_obs_steps\), and it is not known how",
+    ),
     "another input": (
         lambda f: _edited(f, "config.json", input_features={"observation.environment_state": VECTOR}),
         "reads observation.environment_state, and a bank has pictures in colour",
     ),
     "a depth picture": (
-        lambda f: _edited(f, "config.json", input_features={"observation.depth": {"type": "VISUAL", "shape": [1, 8, 8]}}),
+        lambda f: _edited(
+            f, "config.json", input_features={"observation.depth": {"type": "VISUAL", "shape": [1, 8, 8]}}
+        ),
         "reads observation.depth, and a bank has pictures in colour",
     ),
     "no action": (lambda f: _edited(f, "config.json", output_features={"torque": VECTOR}), "has no 'action' among its"),
@@ -270,7 +278,10 @@ FAULTS: dict[str, tuple[Any, str]] = {
         r"'action' must be a vector, not \[2, 3\]",
     ),
     "no chunk": (lambda f: _edited(f, "config.json", chunk_size=None), "has no chunk_size, the number of steps"),
-    "a step of its own": (lambda f: _step(f, **{"class": "os.path.join"}), "the step 'os.path.join' is no step of LeRobot"),
+    "a step of its own": (
+        lambda f: _step(f, **{"class": "os.path.join"}),
+        "the step 'os.path.join' is no step of LeRobot",
+    ),
     "remote code": (
         lambda f: _step(f, registry_name="action_tokenizer_processor", config={"trust_remote_code": True}),
         "would run code of the Hub, and is not loaded",
@@ -314,7 +325,10 @@ def test_an_id_of_the_hub_is_answered_with_what_downloads_it() -> None:
     ("environment", "words"),
     [
         ({lerobot.PYTHON: ""}, f"needs LeRobot, which this Python lacks.*{lerobot.PYTHON}=lerobot/bin/python"),
-        ({lerobot.PYTHON: "/nowhere/python"}, "EYECHART_LEROBOT_PYTHON='/nowhere/python' cannot be started: No such file"),
+        (
+            {lerobot.PYTHON: "/nowhere/python"},
+            "EYECHART_LEROBOT_PYTHON='/nowhere/python' cannot be started: No such file",
+        ),
         ({lerobot.PYTHON: "/bin/false"}, "the Python /bin/false does not answer: its process ended with exit code 1"),
         ({lerobot.DEVICE: "tpu"}, "EYECHART_LEROBOT_DEVICE must be cpu, mps, cuda, xpu"),
     ],
@@ -341,7 +355,7 @@ def test_a_python_without_lerobot_is_said_with_what_installs_it(
 MISFITS: dict[str, tuple[dict[str, Any], str]] = {
     "a camera": (
         {"input_features": {"observation.images.side": {"type": "VISUAL", "shape": [3, 32, 32]}}},
-        "the channel 'camera:side', and the bank has",
+        "reads the camera 'side', and the bank has top, wrist",
     ),
     "a size": (
         {"input_features": {"observation.images.top": {"type": "VISUAL", "shape": [3, 96, 128]}}},

@@ -5,6 +5,10 @@ The callable takes ``(prompt: str, image: bytes | None)``, with the picture as P
 text, or a Reply with more (tokens, finish reason). With a further parameter ``messages`` it also
 gets every turn of the prompt. It may be asynchronous; else it runs in threads,
 in parallel. No call begins while 16 calls past their time limit still run.
+
+A callable of (prompt, images, state) that declares ``history`` N also gets the N instants before
+the frame, from a bank that holds them. Each picture and each state is then a list of N + 1, with
+the oldest first and the frame last.
 """
 
 import asyncio
@@ -25,8 +29,9 @@ import numpy as np
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError, raising
+from eyechart.frames import MOST_HISTORY
 from eyechart.messages import Turn
-from eyechart.models import require_options
+from eyechart.models import HISTORY, require_options
 from eyechart.models.energy import metered
 from eyechart.models.sources import facts_of, version_of
 from eyechart.modes import RequestMode, without_secrets
@@ -44,6 +49,9 @@ _FIRST: WeakKeyDictionary[object, str] = WeakKeyDictionary()
 _CALL = "eyechart-call"
 """The name of the threads that call callables."""
 
+HISTORIES = f"a whole number from 0 to {MOST_HISTORY}, of instants before the frame: LeRobot's n_obs_steps less 1"
+"""The allowed values of ``history``, in words."""
+
 LEFT_AT_MOST = 16
 """The most calls past their time limit that may still run; with so many, no call begins."""
 
@@ -58,6 +66,7 @@ class PythonCallable:
     facts: Mapping[str, str]
     whole: bool = False
     """Whether it takes all pictures and the state, instead of one picture."""
+    history: int = 0
     left: set[threading.Thread] = field(default_factory=set)
 
     async def answer(self, query: Query) -> Reply:
@@ -96,6 +105,10 @@ class PythonCallable:
             raise TypeError(
                 "the prompt has several messages or pictures: let it take them, as (prompt, image, *, messages)"
             )
+        if self.whole and self.history:
+            window, seen = query.stimulus.window(self.history), query.stimulus
+            pictures = {name: [one.images[name] for one in window] for name in seen.images}
+            return pictures, {name: [one.state[name] for one in window] for name in seen.state}
         if self.whole:
             return dict(query.stimulus.images), dict(query.stimulus.state)
         if len(query.images) > 1:
@@ -163,7 +176,7 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
     """Import the callable, also from the current folder; raises SpecError where it is missing."""
     require_options(mode, OPTIONS)
     ask, version, facts = import_callable(name)
-    return PythonCallable(ask, mode, version, facts, _takes_all(ask, name))
+    return _opened(ask, mode, version, facts)
 
 
 def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
@@ -172,9 +185,22 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
     Raises SpecError unless it takes (prompt, image) or (prompt, images, state).
     """
     require_options(mode, OPTIONS)
-    whole = _takes_all(ask, mode.spec.partition(":")[2])
-    version, facts = identity_of(ask)
-    return PythonCallable(ask, mode, version, facts, whole)
+    return _opened(ask, mode, *identity_of(ask))
+
+
+def _opened(ask: Ask, mode: RequestMode, version: str, facts: dict[str, str]) -> PythonCallable:
+    """Return a callable as a model; raises SpecError if it declares a history that it cannot get."""
+    whole, history = _takes_all(ask, mode.spec.partition(":")[2]), getattr(ask, HISTORY, 0)
+    if not is_history(history):
+        raise SpecError(f"'{mode.spec}' declares history = {history!r}; it must be {HISTORIES}")
+    if history and not whole:
+        raise SpecError(f"'{mode.spec}' declares history = {history}: let it take (prompt, images, state)")
+    return PythonCallable(ask, mode, version, facts | ({HISTORY: str(history)} if history else {}), whole, history)
+
+
+def is_history(value: object) -> bool:
+    """Return whether a value may be declared as ``history``."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_HISTORY
 
 
 def identity_of(ask: Ask) -> tuple[str, dict[str, str]]:

@@ -26,7 +26,7 @@ import numpy as np
 from eyechart.calls import Query, Reply
 from eyechart.channels import flat_state
 from eyechart.errors import SpecError, printable
-from eyechart.frames import Stimulus, pixels_of
+from eyechart.frames import pixels_of
 from eyechart.models import require_options
 from eyechart.models.lerobot.checkpoint import PolicyCheckpoint, read_checkpoint
 from eyechart.models.lerobot.process import Header, read_message, write_message
@@ -177,7 +177,7 @@ class LeRobotPolicy:
 
     def _message(self, query: Query) -> tuple[Header, bytes]:
         described, pictures = [], []
-        for seen in _instants(query.stimulus):
+        for seen in query.stimulus.window(self.checkpoint.history):
             shown = [(feature, pixels_of(seen.images[name], name)) for name, feature in self.checkpoint.cameras.items()]
             state = list(flat_state(seen.state)) if self.checkpoint.shapes.state else []
             sizes = [(feature, *pixels.shape[:2]) for feature, pixels in shown]
@@ -198,11 +198,6 @@ class LeRobotPolicy:
         self._refused = ""
 
 
-def _instants(seen: Stimulus) -> tuple[Stimulus, ...]:
-    """Return the instants that a policy is shown."""
-    return (seen,)
-
-
 def _steps_of(query: Query) -> int | None:
     """Return the number of steps of a motion, by the schema of the answer; None without one."""
     steps = query.schema.get("maxItems")
@@ -219,11 +214,6 @@ def open_model(name: str, mode: RequestMode) -> LeRobotPolicy:
     if device and not _DEVICES.fullmatch(device):
         raise SpecError(f"{DEVICE} must be cpu, mps, cuda, xpu, or one of several as cuda:1; got '{printable(device)}'")
     checkpoint = read_checkpoint(name)
-    if checkpoint.config.n_obs_steps > 1:
-        raise SpecError(
-            f"'{mode.spec}' reads {checkpoint.config.n_obs_steps} instants (n_obs_steps), and a bank's frame is one: "
-            "fill its queues in a callable (docs/policy-lerobot.md)"
-        )
     found = _versions(mode.spec, python)
     facts = {**checkpoint.facts(), **found, "device": device or "the checkpoint's"}
     return LeRobotPolicy(checkpoint, python, device, mode.timeout_s, checkpoint.version, facts)
@@ -236,7 +226,7 @@ def _python(spec: str) -> str:
     if find_spec("lerobot") is not None:
         return sys.executable
     raise SpecError(
-        f"'{spec}' needs LeRobot, which this Python lacks; version 0.6 needs Python 3.12: 'python3.12 -m venv lerobot', "
+        f"'{spec}' needs LeRobot, which this Python lacks; its 0.6 needs Python 3.12: 'python3.12 -m venv lerobot', "
         f"'lerobot/bin/pip install lerobot', and name it as {PYTHON}=lerobot/bin/python"
     )
 

@@ -13,6 +13,8 @@ import msgspec
 
 from eyechart.channels import CAMERA, INSTRUCTION, STATE, InputShapes
 from eyechart.errors import SpecError, did_you_mean, printable, raising, read_at_most
+from eyechart.frames import MOST_HISTORY
+from eyechart.models import HISTORY
 from eyechart.models.sources import FILES
 from eyechart.records import build, parse_json
 
@@ -114,6 +116,11 @@ class PolicyCheckpoint:
             raise SpecError(f"{self.folder / CONFIG} has no {self.type.chunk}, the number of steps of an answer")
         return steps
 
+    @property
+    def history(self) -> int:
+        """Return how many instants before a frame it reads."""
+        return self.config.n_obs_steps - 1
+
     @cached_property
     def cameras(self) -> Mapping[str, str]:
         """Return its picture features by the names that an imported data set's cameras have.
@@ -173,6 +180,7 @@ class PolicyCheckpoint:
             **{name: str(count) for name, count in counts.items() if count is not None},
             **{name: msgspec.json.encode(one).decode() for name, one in features.items()},
             **self.shapes.facts(),
+            **({HISTORY: str(self.history)} if self.history else {}),
             FILES: json.dumps(dict(self.files)),
         }
         step = self.folder.resolve().parent.name if self.folder.name == _INNER else ""
@@ -193,7 +201,9 @@ def read_checkpoint(name: str) -> PolicyCheckpoint:
     for file in (WEIGHTS, BEFORE, AFTER):
         if not (folder / file).is_file():
             raise SpecError(f"the checkpoint {folder} holds no {file}: {_LACKING[file].format(folder)}")
-    found = PolicyCheckpoint(folder, config, _read(folder / BEFORE, ProcessorFile), _read(folder / AFTER, ProcessorFile))
+    found = PolicyCheckpoint(
+        folder, config, _read(folder / BEFORE, ProcessorFile), _read(folder / AFTER, ProcessorFile)
+    )
     for file, processor in ((BEFORE, found.before), (AFTER, found.after)):
         for step in processor.steps:
             _require_sound(folder, file, step)
@@ -241,6 +251,15 @@ def _require_known(folder: Path, config: PolicyConfig) -> None:
         raise SpecError(
             f"the checkpoint {folder} is of the type '{printable(config.type)}';{did_you_mean(config.type, TYPES)} "
             f"lerobot: calls {', '.join(TYPES)}; for another type write a callable (docs/policy-lerobot.md)"
+        )
+    if config.n_obs_steps > 1 and TYPES[config.type].window == "alone":
+        raise SpecError(
+            f"the checkpoint {folder} reads {config.n_obs_steps} instants (n_obs_steps), and it is not known how the "
+            f"type '{config.type}' takes them: write a callable that declares history (docs/policy-lerobot.md)"
+        )
+    if config.n_obs_steps > MOST_HISTORY + 1:
+        raise SpecError(
+            f"the checkpoint {folder} reads {config.n_obs_steps} instants, and a bank has {MOST_HISTORY + 1} at most"
         )
     if config.use_peft:
         raise SpecError(f"the checkpoint {folder} is an adapter (PEFT): merge it into its policy, and save that")

@@ -7,16 +7,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+from eyechart.channels import require_history
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
     CONTROLS,
-    OF_BANKS,
+    NO_HISTORY,
     OVER,
     asked_in_stages,
     by_reason,
     find_condition,
     is_available,
+    of_bank,
     require_camera,
     require_partners,
     show,
@@ -42,7 +44,7 @@ from eyechart.manifest import (
     read_run,
     write_run,
 )
-from eyechart.models import Model, OpenedModel, open_model, sequential_groups
+from eyechart.models import Model, OpenedModel, history_of, open_model, sequential_groups
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
@@ -328,6 +330,8 @@ def planned(
     formulation = _prompt_for(bank, asking.prompt, out)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
+    for spec, (_, facts) in who.items():
+        require_history(spec, history_of(facts), bank)
     if formulation.messages:
         require_pictured(formulation, show("real", bank.frames[-1], bank, asking.seed))
     supplied, left_out = conditions_of(bank, formulation)
@@ -339,7 +343,7 @@ def planned(
         find_condition(name)
         require_camera(name, bank.frames[0].cameras)
         if (base := name.partition(OVER)[0]) not in supplied:
-            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
+            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, NO_HISTORY)}")
     extent.require_possible(chosen)
     manifest = RunManifest.begun(
         bank,
@@ -403,7 +407,7 @@ def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
 def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the conditions that the bank can supply, and why it cannot supply the others."""
     left_out: dict[str, str] = {}
-    for name in OF_BANKS:
+    for name in of_bank(bank):
         needs = CONDITIONS[name].needs
         if "text" in needs and not prompt.fields:
             left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
@@ -414,7 +418,7 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
                 require_partners((name,), bank)
             except BankError as error:
                 left_out[name] = str(error)
-    return tuple(name for name in OF_BANKS if name not in left_out), left_out
+    return tuple(name for name in of_bank(bank) if name not in left_out), left_out
 
 
 def resume_manifest(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:
