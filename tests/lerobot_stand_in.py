@@ -1,7 +1,8 @@
 """A stand-in for LeRobot and torch with the entry points that a policy's process calls, and checkpoints for it.
 
 What its policy does stands in the checkpoint's weights: `DOES` names it. It answers ``CHUNK`` steps of three numbers:
-how bright its first picture is, what the first number of the normalised state is, and a number drawn by torch.
+how bright its first picture is, what the first number of the normalised state is, and a number drawn by torch. With
+a window the first two are what changed in it, and the third is how many instants it has.
 """
 
 import json
@@ -94,14 +95,24 @@ class Policy:
         if self.does == "begins another":
             child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(300)"])
             open(self.folder + "/child", "w").write(str(child.pid))
-        batch = {**self.queue[-1]} if self.config.type == "vqbet" else batch
+        if self.config.type == "vqbet":
+            window = self.queue
+        elif self.config.type == "diffusion":
+            assert not self.queue and batch["observation.images.top"].ndim == 5
+            names = ("observation.images.top", "observation.state")
+            window = [{name: batch[name][:, n] for name in names} for n in range(batch[names[0]].shape[1])]
+        else:
+            window = [batch]
+        assert len(window) == self.config.n_obs_steps
+        batch = window[-1]
         picture = batch["observation.images.top"]
-        if self.config.type == "diffusion":
-            assert picture.ndim == 5, picture.shape
-            picture = picture[:, -1]
         assert picture.dtype == np.float32 and picture.shape[1] == 3 and 0 <= picture.min() and picture.max() <= 1
         state = batch["observation.state"].reshape(-1)[-3:] if "observation.state" in batch else [len(batch["task"][0])]
         row = np.array([picture[0, 0].mean(), state[0], torch.RNG[0].standard_normal()], np.float32)
+        if len(window) > 1:
+            row[0] -= window[0]["observation.images.top"][0, 0].mean()
+            row[1] -= window[0]["observation.state"][0, 0]
+            row[2] = len(window)
         steps = np.arange(1, CHUNK + 1, dtype=np.float32)[:, None]
         return (row * steps)[None].view(torch.Tensor)
 
@@ -142,8 +153,8 @@ def make_pre_post_processors(config, pretrained_path, preprocessor_overrides):
     assert preprocessor_overrides == {"device_processor": {"device": config.device}}
     from lerobot.configs import Feature
     made = []
-    for file, kind in (("policy_preprocessor", NormalizerProcessorStep), ("policy_postprocessor", UnnormalizerProcessorStep)):
-        numbers = json.load(open(f"{pretrained_path}/{file}_numbers.safetensors"))
+    for side, kind in (("pre", NormalizerProcessorStep), ("post", UnnormalizerProcessorStep)):
+        numbers = json.load(open(f"{pretrained_path}/policy_{side}processor_numbers.safetensors"))
         features = {n: Feature(type=f["type"]) for n, f in {**config.input_features, **config.output_features}.items()}
         modes = {one: Named(mode) for one, mode in config.normalization_mapping.items()}
         made.append(Pipeline(kind(features, modes, numbers)))

@@ -54,9 +54,8 @@ def run(*words: object) -> Any:  # noqa: ANN401 - of typer
 @pytest.fixture(scope="module")
 def bank(made: Path) -> Path:
     """Return the data set as a bank."""
-    done = run(
-        "frames", "import", made / "data", "--format", "lerobot", "--horizon", 8, "--every", 8, "--out", made / "b"
-    )
+    given = ("--format", "lerobot", "--horizon", 8, "--every", 8, "--history", 1)
+    done = run("frames", "import", made / "data", *given, "--out", made / "b")
     assert done.exit_code == 0, done.output
     return made / "b"
 

@@ -110,6 +110,28 @@ def test_a_type_that_reads_a_window_is_given_it_in_its_own_way(kind: str, tmp_pa
     assert only(first).tolist() == only(again).tolist() == only(usual[0]).tolist()
 
 
+@pytest.mark.parametrize("kind", ["diffusion", "vqbet"])
+def test_a_window_reaches_it_with_the_oldest_instant_first(kind: str, tmp_path: Path) -> None:
+    """Exactly as many instants as it reads, each normalised alone; a bank may hold more."""
+    model = opened(stand_in.checkpoint(tmp_path / kind, type=kind, n_obs_steps=3))
+    assert model.facts["history"] == "2"
+    past = tuple(
+        Stimulus({name: encode(TOP // 4 * n) for name in ("top", "wrist")}, {}, {"tool": (n / 8, 0.5), "grip": (1.0,)})
+        for n in range(4)
+    )
+    seen = replace(SEEN, past=past)
+    (reply,) = answers(model, replace(query(), stimulus=seen))
+    bright, place = (204 - 204 // 4 * 2) / 255, (0.75 - 2 / 8) / 0.25
+    np.testing.assert_allclose(only(reply)[0], [2 * bright, 2 * place, 10 + 2 * 3], rtol=1e-6)
+
+
+def test_a_bank_of_single_instants_is_refused_with_what_makes_another(bank: FrameBank, tmp_path: Path) -> None:
+    """Copies of one instant are no window."""
+    spec = f"lerobot:{stand_in.checkpoint(tmp_path / 'act', type='diffusion', n_obs_steps=2)}"
+    with pytest.raises(SpecError, match=r"holds 0 instants before each frame; make the bank with .*--history 1'"):
+        policy.plan(bank.root, [spec], tmp_path / "run")
+
+
 def test_a_shorter_bank_gets_the_first_steps(tmp_path: Path, bank: FrameBank) -> None:
     """As many as its motions have."""
     short = replace(bank.manifest.motion, horizon=3)
@@ -240,7 +262,7 @@ def _without_step(folder: Path, file: str) -> None:
     path.write_text(json.dumps({"steps": whole["steps"][:-1]}))
 
 
-VECTOR = {"type": "STATE", "shape": [3]}
+VECTOR, DEPTH = {"type": "STATE", "shape": [3]}, {"type": "VISUAL", "shape": [1, 8, 8]}
 FAULTS: dict[str, tuple[Any, str]] = {
     "no folder": (lambda f: f.rename(f.with_name("gone")), "there is no folder"),
     "no config": (lambda f: (f / "config.json").unlink(), "holds no config.json: give the folder that save_pretrained"),
@@ -248,7 +270,7 @@ FAULTS: dict[str, tuple[Any, str]] = {
     "a count in words": (lambda f: _edited(f, "config.json", n_obs_steps="two"), "n_obs_steps"),
     "no weights": (
         lambda f: (f / "model.safetensors").unlink(),
-        "holds no model.safetensors: weights are read in this",
+        "holds no model.safetensors: weights",
     ),
     "before LeRobot 0.4": (lambda f: (f / "policy_preprocessor.json").unlink(), "migrate_policy_normalization --pretr"),
     "no numbers": (
@@ -260,16 +282,14 @@ FAULTS: dict[str, tuple[Any, str]] = {
     "an adapter": (lambda f: _edited(f, "config.json", use_peft=True), r"is an adapter \(PEFT\): merge it"),
     "a history": (
         lambda f: _edited(f, "config.json", n_obs_steps=2),
-        r"reads 2 instants \(n_obs_steps\), and it is not known how",
+        r"reads 2 instants .*not known how",
     ),
     "another input": (
         lambda f: _edited(f, "config.json", input_features={"observation.environment_state": VECTOR}),
         "reads observation.environment_state, and a bank has pictures in colour",
     ),
     "a depth picture": (
-        lambda f: _edited(
-            f, "config.json", input_features={"observation.depth": {"type": "VISUAL", "shape": [1, 8, 8]}}
-        ),
+        lambda f: _edited(f, "config.json", input_features={"observation.depth": DEPTH}),
         "reads observation.depth, and a bank has pictures in colour",
     ),
     "no action": (lambda f: _edited(f, "config.json", output_features={"torque": VECTOR}), "has no 'action' among its"),
@@ -280,7 +300,7 @@ FAULTS: dict[str, tuple[Any, str]] = {
     "no chunk": (lambda f: _edited(f, "config.json", chunk_size=None), "has no chunk_size, the number of steps"),
     "a step of its own": (
         lambda f: _step(f, **{"class": "os.path.join"}),
-        "the step 'os.path.join' is no step of LeRobot",
+        "'os.path.join' is no step of LeRobot",
     ),
     "remote code": (
         lambda f: _step(f, registry_name="action_tokenizer_processor", config={"trust_remote_code": True}),
@@ -327,7 +347,7 @@ def test_an_id_of_the_hub_is_answered_with_what_downloads_it() -> None:
         ({lerobot.PYTHON: ""}, f"needs LeRobot, which this Python lacks.*{lerobot.PYTHON}=lerobot/bin/python"),
         (
             {lerobot.PYTHON: "/nowhere/python"},
-            "EYECHART_LEROBOT_PYTHON='/nowhere/python' cannot be started: No such file",
+            "PYTHON='/nowhere/python' cannot be started: No such file",
         ),
         ({lerobot.PYTHON: "/bin/false"}, "the Python /bin/false does not answer: its process ended with exit code 1"),
         ({lerobot.DEVICE: "tpu"}, "EYECHART_LEROBOT_DEVICE must be cpu, mps, cuda, xpu"),
