@@ -17,7 +17,7 @@ from eyechart.looks.models import ModelLook
 from eyechart.looks.pictures import BANK, Pictures
 from eyechart.looks.policies import PolicyLook, steps_of
 from eyechart.looks.request import Bill, LookRequest, Watch, folder_name
-from eyechart.models import ADAPTERS, POLICIES, open_model, open_policy
+from eyechart.models import ADAPTERS, POLICIES, history_of, open_model, open_policy
 
 __all__ = [
     "EXIT_CODES",
@@ -76,7 +76,9 @@ def look(wanted: LookRequest, watch: Watch) -> Look:
     """
     acts = is_policy(wanted.spec, wanted.pictures)
     if acts:
-        wanted = replace(wanted, held=wanted.held or open_policy(wanted.spec))
+        held = wanted.held or open_policy(wanted.spec)
+        shown = replace(wanted.pictures, history=history_of(held.model.facts))
+        wanted = replace(wanted, held=held, pictures=shown)
     elif wanted.held is None:
         open_model(wanted.spec, wanted.mode)  # reports what is wrong with it before a bank is made
     brought = wanted.pictures.are_brought and not (wanted.out / BANK).exists()

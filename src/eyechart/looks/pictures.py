@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from eyechart.errors import SourceError, SpecError, finite_number, raising
@@ -37,7 +37,8 @@ class Pictures:
 
     ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a LeRobotDataset. For
     the last two, ``columns`` maps places to columns, and a distance below ``threshold`` in ``unit``
-    is near. Raises SpecError if these contradict each other.
+    is near. ``history`` counts the instants before a frame of the dataset. Raises SpecError if these
+    contradict each other.
     """
 
     frames: Path | None = None
@@ -47,6 +48,7 @@ class Pictures:
     columns: Mapping[str, str] = field(default_factory=dict)
     threshold: float | None = None
     unit: str | None = None
+    history: int = 0
 
     def __post_init__(self) -> None:
         given = {"--frames": self.frames, "--photos": self.photos, "--dataset": self.dataset}
@@ -94,7 +96,7 @@ class Pictures:
                 length or 0 for length in read_dataset(self.dataset, None, every=True).episodes.lengths.values()
             )
             ahead, every = None if steps is None else Horizon(steps, rotations=None), max(1, frames // TAKEN)
-            own = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, every=every)
+            own = replace(choices, convert=None, every=every, history=self.history)
             with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
                 FORMATS["lerobot"].importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
         elif steps is None:
@@ -114,6 +116,7 @@ class Pictures:
             "threshold": self.threshold,
             "unit": self.unit,
             "steps": steps if self.dataset is not None else None,
+            **({"history": self.history} if self.history else {}),
         }
 
     def made_with(self, out: Path) -> int | None:
