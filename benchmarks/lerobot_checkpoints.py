@@ -25,7 +25,7 @@ from act_tabletop import HERE, HORIZON, MOVES, asked
 
 RESULT = HERE / "results" / "checkpoints.json"
 CACHE = Path(os.environ.get("EYECHART_CHECKPOINTS", "build/checkpoints"))
-TRAINED, SHOWN, EVERY, BATCH = 400, 24, 3, 32
+TRAINED, SHOWN, EVERY, BATCH = 400, 16, 3, 16
 """Episodes to train on, those of the bank's data set, every which of their frames is taken, moments of a step."""
 STATES = {"sees": 3, "privileged": 5}
 KEPT = ("camera", "cameras", "state", "guards", "channels")
@@ -33,7 +33,7 @@ EXPECTED = {
     "sees": {"camera": ("camera_content",)},
     "privileged": {"camera": ("ignores_camera",), "state": ("state_shortcut",)},
 }
-CAMERAS = ("top", "wrist")
+CAMERA = "observation.images.top"
 WAYS = ("lerobot", "callable")
 
 
@@ -62,17 +62,14 @@ def write_data(kind: str, folder: Path) -> None:
     from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: PLC0415
 
     names = ["x", "y", "grip", "target_x", "target_y"][: STATES[kind]]
-    features = {
-        f"observation.images.{name}": {"dtype": "image", "shape": (32, 32, 3), "names": ["height", "width", "channels"]}
-        for name in CAMERAS
-    }
+    features = {CAMERA: {"dtype": "image", "shape": (32, 32, 3), "names": ["height", "width", "channels"]}}
     features["observation.state"] = {"dtype": "float32", "shape": (len(names),), "names": names}
     features["action"] = {"dtype": "float32", "shape": (3,), "names": ["dx", "dy", "grip"]}
     data = LeRobotDataset.create(f"here/{kind}", fps=10, features=features, root=folder, use_videos=False)
     for episode in tables(kind, "shown", SHOWN):
         seen = moments(kind, episode)
         for row in range(len(episode)):
-            shown = {f"observation.images.{name}": seen[name][row] for name in CAMERAS}
+            shown = {CAMERA: seen["top"][row]}
             own = {"observation.state": seen["state"][row], "action": seen["action"][row, 0]}
             data.add_frame({**shown, **own, "task": "reach the red block"})
         data.save_episode()
@@ -83,8 +80,10 @@ def config_of(kind: str) -> Any:  # noqa: ANN401 - of LeRobot
     """Return the configuration of a small ACT with a ResNet of its own weights."""
     from lerobot.policies.act.configuration_act import ACTConfig  # noqa: PLC0415
 
+    features = act_tabletop.features(STATES[kind])
+    del features["input_features"]["observation.images.wrist"]
     return ACTConfig(
-        **act_tabletop.features(STATES[kind]),
+        **features,
         chunk_size=HORIZON,
         n_action_steps=HORIZON,
         pretrained_backbone_weights=None,
@@ -111,7 +110,7 @@ def train(kind: str, steps: int, folder: Path) -> None:
         if name.endswith("bn2.weight"):  # a frozen normalisation leaves each block twice as loud as the one before
             buffer.fill_(0.3)
     before, after = act_tabletop.processors(policy.config, data)
-    took = act_tabletop.learn(policy, data, steps, before)
+    took = act_tabletop.learn(policy, data, steps, before, batch_size=BATCH)
     for part in (policy, before, after):
         part.save_pretrained(folder)
     (folder / "trained.json").write_text(json.dumps({"steps": steps, "cpu_seconds": took}))
@@ -121,7 +120,7 @@ class Callable:
     """The same checkpoint as the page on LeRobot loads it; loaded when it is first asked."""
 
     def __init__(self, kind: str) -> None:
-        self.kind, self.version, self.channels, self._loaded = kind, "1", ["camera:top", "camera:wrist", "state"], None
+        self.kind, self.version, self.channels, self._loaded = kind, "1", ["camera:top", "state"], None
 
     def __call__(self, images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
         """Return a chunk."""

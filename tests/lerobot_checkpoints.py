@@ -3,7 +3,7 @@
     python lerobot_checkpoints.py FOLDER
 
 Writes FOLDER/data (6 episodes of 24 steps, one camera of 64 × 64, five numbers of state, three of action), and
-FOLDER/act, FOLDER/vqbet and FOLDER/diffusion, each with its processors.
+FOLDER/act, FOLDER/vqbet and FOLDER/diffusion, each with its processors. The last two read two instants.
 """
 
 import sys
@@ -34,7 +34,7 @@ KINDS: dict[str, dict[str, Any]] = {
     },
     "vqbet": {
         **BACKBONE,
-        "n_obs_steps": 1,
+        "n_obs_steps": 2,
         "n_action_pred_token": 1,
         "action_chunk_size": CHUNK,
         "crop_shape": (56, 56),
@@ -49,8 +49,8 @@ KINDS: dict[str, dict[str, Any]] = {
     },
     "diffusion": {
         **BACKBONE,
-        "n_obs_steps": 1,
-        "horizon": CHUNK,
+        "n_obs_steps": 2,
+        "horizon": 2 * CHUNK,
         "n_action_steps": CHUNK,
         "down_dims": (16, 32),
         "kernel_size": 3,

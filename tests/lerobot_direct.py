@@ -2,8 +2,7 @@
 
     python lerobot_direct.py CHECKPOINT SEEN.npz SEED
 
-SEEN.npz holds ``top`` (h, w, 3) and ``state``. Prints a JSON list: a chunk of ACT, else what `select_action` says for
-each step of one.
+SEEN.npz holds ``top`` (2, h, w, 3) and ``state`` (2, n), the older instant first. Prints a chunk as a JSON list.
 """
 
 import json
@@ -13,6 +12,7 @@ import numpy as np
 import torch
 from lerobot.configs import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from lerobot.policies.utils import populate_queues
 
 
 def main() -> None:
@@ -21,19 +21,24 @@ def main() -> None:
     config = PreTrainedConfig.from_pretrained(folder)
     policy = get_policy_class(config.type).from_pretrained(folder).eval()
     before, after = make_pre_post_processors(config, pretrained_path=folder)
-    batch = {
-        "observation.images.top": torch.tensor(seen["top"]).permute(2, 0, 1)[None] / 255,
-        "observation.state": torch.tensor(seen["state"], dtype=torch.float32)[None],
-        "task": ["reach the block"],
-    }
     policy.reset()
+    for top, state in zip(seen["top"], seen["state"], strict=True):
+        batch = before(
+            {
+                "observation.images.top": torch.tensor(top).permute(2, 0, 1)[None] / 255,
+                "observation.state": torch.tensor(state, dtype=torch.float32)[None],
+                "task": ["reach the block"],
+            }
+        )
+        if config.n_obs_steps > 1:
+            batch = {
+                "observation.state": batch["observation.state"],
+                "observation.images": torch.stack([batch["observation.images.top"]], dim=-4),
+            }
+            policy._queues = populate_queues(policy._queues, batch)
     torch.manual_seed(seed)
     with torch.no_grad():
-        if config.type == "act":
-            chunk = after(policy.predict_action_chunk(before(batch)))[0]
-        else:
-            steps = config.n_action_steps if config.type == "diffusion" else config.action_chunk_size
-            chunk = torch.cat([after(policy.select_action(before(dict(batch)))) for _ in range(steps)])
+        chunk = after(policy.predict_action_chunk(batch))[0]
     sys.stdout.write("\n" + json.dumps(chunk.tolist()))
 
 

@@ -7,6 +7,7 @@ import asyncio
 import json
 import os
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,12 +65,14 @@ def bank(made: Path) -> Path:
 def test_an_answer_is_that_of_lerobot_itself(kind: str, made: Path, tmp_path: Path) -> None:
     """To the last bits, for the same seed, also after another call."""
     rng = np.random.default_rng(1)
-    top, state = rng.integers(0, 256, (64, 64, 3)).astype(np.uint8), rng.normal(size=5)
+    top, state = rng.integers(0, 256, (2, 64, 64, 3)).astype(np.uint8), rng.normal(size=(2, 5))
     np.savez(tmp_path / "seen.npz", top=top, state=state)
     direct = json.loads(by_lerobot(HERE / "lerobot_direct.py", made / kind, tmp_path / "seen.npz", 7).splitlines()[-1])
     model = open_model(f"lerobot:{made / kind}", answering="policy")
-    seen = Stimulus({"top": encode(top)}, {}, {"state": tuple(state)})
-    other = Stimulus({"top": encode(255 - top)}, {}, {"state": tuple(-state)})
+    before, now = (
+        Stimulus({"top": encode(one)}, {}, {"state": tuple(own)}) for one, own in zip(top, state, strict=True)
+    )
+    seen, other = replace(now, past=(before,)), replace(before, past=(now,))
 
     async def ask() -> list[np.ndarray]:
         queries = (Query("", "reach the block", one, seed) for one, seed in ((seen, 7), (other, 8), (seen, 7)))
@@ -100,14 +103,16 @@ def test_each_goes_from_a_plan_to_a_gate(made: Path, bank: Path, tmp_path: Path)
     assert run("gate", out, "--require", "looks").exit_code in {1, 2}
 
 
-def test_one_look_imports_the_data_set_with_the_policys_own_horizon(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("kind", "history"), [("act", 0), ("diffusion", 1)])
+def test_one_look_imports_the_data_set_with_the_policys_own_horizon_and_window(
+    kind: str, history: int, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing else is typed."""
     monkeypatch.chdir(tmp_path)
-    done = run("look", f"lerobot:{made / 'act'}", "--dataset", made / "data", "--out", "look")
+    done = run("look", f"lerobot:{made / kind}", "--dataset", made / "data", "--out", "look")
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    assert json.loads((tmp_path / "look" / "bank" / "manifest.json").read_text())["motion"]["horizon"] == 8
+    manifest = json.loads((tmp_path / "look" / "bank" / "manifest.json").read_text())
+    assert (manifest["motion"]["horizon"], manifest.get("history", 0)) == (8, history)
 
 
 def test_weights_of_another_size_are_said_in_lerobots_words(made: Path, tmp_path: Path) -> None:
