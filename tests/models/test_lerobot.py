@@ -300,11 +300,11 @@ FAULTS: dict[str, tuple[Any, str]] = {
     "no chunk": (lambda f: _edited(f, "config.json", chunk_size=None), "has no chunk_size, the number of steps"),
     "a step of its own": (
         lambda f: _step(f, **{"class": "os.path.join"}),
-        "'os.path.join' is no step of LeRobot",
+        "the step 'os.path.join' is none of",
     ),
     "remote code": (
-        lambda f: _step(f, registry_name="action_tokenizer_processor", config={"trust_remote_code": True}),
-        "would run code of the Hub, and is not loaded",
+        lambda f: _step(f, registry_name="action_tokenizer_processor"),  # by default it trusts the Hub
+        "the step 'action_tokenizer_processor' is none of those that are loaded",
     ),
     "a file elsewhere": (
         lambda f: _step(f, registry_name="normalizer_processor", state_file="../other.safetensors"),

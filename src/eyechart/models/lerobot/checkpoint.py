@@ -56,6 +56,23 @@ TYPES: Mapping[str, PolicyType] = {
 """The types of policies that can be called. Types that load code of the Hub are left out."""
 
 
+STEPS = (
+    "rename_observations_processor",
+    "to_batch_processor",
+    "device_processor",
+    "normalizer_processor",
+    "unnormalizer_processor",
+    "tokenizer_processor",
+    "smolvla_new_line_processor",
+    "pi0_new_line_processor",
+    "pi05_prepare_state_tokenizer_processor_step",
+    "relative_actions_processor",
+    "absolute_actions_processor",
+)
+"""The steps that these types have around them. LeRobot would import any other by a name in the file,
+and some of its own load code of the Hub."""
+
+
 class FeatureShape(msgspec.Struct):
     """A feature of a policy: what it is (VISUAL, STATE, ACTION, ENV), and its shape."""
 
@@ -285,11 +302,12 @@ def _require_known(folder: Path, config: PolicyConfig) -> None:
 
 def _require_sound(folder: Path, file: str, step: ProcessorEntry) -> None:
     """Raise SpecError for a step that is code of another's choice, or a file of another place."""
-    named = step.registry_name or step.class_ or ""
-    if step.registry_name is None and not named.startswith("lerobot."):
-        raise SpecError(f"{folder / file}: the step '{printable(named)}' is no step of LeRobot, and is not loaded")
-    if step.config.get("trust_remote_code"):
-        raise SpecError(f"{folder / file}: the step '{printable(named)}' would run code of the Hub, and is not loaded")
+    if step.registry_name not in STEPS:
+        named = printable(step.registry_name or step.class_ or "without a name")
+        raise SpecError(
+            f"{folder / file}: the step '{named}' is none of those that are loaded ({', '.join(STEPS)}); another one "
+            "might run code that the checkpoint names. Write a callable (docs/policy-lerobot.md)"
+        )
     state = step.state_file
     if state is not None and (Path(state).name != state or not state.endswith(".safetensors")):
         raise SpecError(f"{folder / file}: '{printable(state)}' is no safetensors file of the checkpoint's folder")

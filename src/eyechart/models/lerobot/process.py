@@ -169,8 +169,13 @@ def _queued(loaded: LoadedPolicy) -> Callable[[Sequence[Batch]], Any]:
 
 
 _WAYS = {"alone": _alone, "stacked": _stacked, "queued": _queued}
-_STATISTICS = {"MEAN_STD": ("mean", "std"), "MIN_MAX": ("min", "max"), "QUANTILES": ("q01", "q99")}
-"""The statistics that each normalisation needs; one without an entry needs none, or other ones."""
+_STATISTICS = {
+    "MEAN_STD": ("mean", "std"),
+    "MIN_MAX": ("min", "max"),
+    "QUANTILES": ("q01", "q99"),
+    "QUANTILE10": ("q10", "q90"),
+}
+"""The statistics that each normalisation needs; one without an entry needs none."""
 
 
 def _require_statistics(step: Any) -> None:  # noqa: ANN401 - of LeRobot
