@@ -98,14 +98,28 @@ def test_a_gap_before_a_moment_leaves_it_out_by_name(tmp_path: Path) -> None:
     )
 
 
-def test_every_takes_the_same_moments_with_the_log_s_rows_before_them(tmp_path: Path, plain: FrameBank) -> None:
-    """The instants come at the rate of the log, not of the frames; each has the log's motion."""
+def test_every_counts_moments_with_the_log_s_rows_before_them(tmp_path: Path, plain: FrameBank) -> None:
+    """They are those that have their rows; these come at the rate of the log, not of the frames."""
     few = movers.mover_bank(tmp_path, history=1, every=3)
-    assert {frame.step for frame in few} == {3, 6}
+    assert {frame.step for frame in few} == {1, 4, 7}
     for frame in few:
         assert [one.step for one in frame.window] == [frame.step - 1, frame.step]
         assert frame.motion == plain.frame(frame.id).motion
     assert len(check(few.root)) == 0
+
+
+def test_rows_out_of_order_are_no_window(tmp_path: Path) -> None:
+    """The last row need not be the instant before."""
+    folder = movers.source(tmp_path, episodes=3)
+    head, *lines = (folder / "t.csv").read_text().splitlines()
+    lines[2], lines[3] = lines[3], lines[2]
+    (folder / "t.csv").write_text("\n".join([head, *lines]))
+    chosen = Choices(columns={"file": "top"}, history=2)
+    bank = import_table(folder, folder / "t.csv", tmp_path / "bank", chosen)
+    assert [frame.step for frame in bank if frame.episode == "0"] == [6, 7]
+    _, behind = bank.manifest.settings["said"]
+    assert "4 moments left out, with a gap in the rows before: step 3 of episode 0 (no step 2), step 2 of " in behind
+    assert "step 4 of episode 0 (its rows are not in the order of the steps)" in behind
 
 
 def test_a_picture_is_stored_once_whatever_shows_it(bank: FrameBank) -> None:
@@ -209,7 +223,7 @@ def test_conditions_act_on_every_instant(bank: FrameBank) -> None:
     """Grey, noise, one pixel, a reflection and no picture; noise is drawn anew for each instant."""
     frame = bank.frames[7]
     real = show("real", frame, bank, 0)
-    for name in ("blank", "noise", "nudged", "mirrored"):
+    for name in ("blank", "noise", "nudged", "mirrored", "fog_3"):
         made = show(name, frame, bank, 0)
         assert len(made.past) == 2
         for own, one in zip((*real.past, real), (*made.past, made), strict=True):

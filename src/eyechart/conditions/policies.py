@@ -25,7 +25,9 @@ from eyechart.conditions import (
     TABLE,
     asked_of,
     is_available,
+    of_one_instant,
 )
+from eyechart.corruptions import CORRUPTIONS, STEPS
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.stats.shapley import Subset, subsets
@@ -75,7 +77,12 @@ def listed_conditions() -> dict[str, str]:
     listed = {name: f"{one.image}: {one.asks}" for name, one in every.items()}
     for one in (TABLE[name] for name in ("blank", "noise", EXCHANGED)):
         listed[f"{one.name}{OVER}CAMERA"] = f"{one.image}, in one camera: {one.asks}"
-    return listed | {name: f"{condition.image}: {condition.asks}" for name, condition in CONDITIONS.items()}
+    listed |= {name: f"{condition.image}: {condition.asks}" for name, condition in CONDITIONS.items()}
+    steps = f"{STEPS[0]} to {STEPS[-1]}"
+    return listed | {
+        f"{one.name}_{STEPS[0]} ... {one.name}_{STEPS[-1]}": f"true frame under {one.words}, steps {steps}: how far?"
+        for one in CORRUPTIONS.values()
+    }
 
 
 def unshown_channels(bank: FrameBank) -> dict[str, str]:
@@ -119,7 +126,7 @@ def _lacking(name: str, bank: FrameBank) -> str:
         return "the bank does not say what a reflected motion is"
     if name == "mirrored" and (pair := _unlike_pair(bank)):
         return f"the pictures of {pair}, which exchange places, differ in size"
-    if bank.manifest.history and "counterfactual" in TABLE[base].needs:
+    if of_one_instant(base, bank):
         return ONE_INSTANT
     lacking = sum(not is_available(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"

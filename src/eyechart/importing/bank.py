@@ -98,8 +98,8 @@ class Choices:
     column such as ``gap_m`` implies its unit. ``independent`` declares frames without episodes as
     independent draws. ``prompt_columns`` are columns that a prompt may state, and ``strata``
     further groups for a claim next to the scenario. Every ``every``-th frame of an episode is
-    taken. A frame has the ``history`` rows before it, each a step after the last; frames without
-    them are left out. ``convert`` makes pictures plain; without it, pictures that are not plain are refused.
+    taken. A frame has the ``history`` rows before it, each a step after the last; rows without them
+    become no frames. ``convert`` makes pictures plain; without it, pictures that are not plain are refused.
     With ``keep_repeats``, a recording that occurs twice is imported twice. ``numerals`` declares
     how numbers are written and which mean "nothing ahead". ``strip`` is the prefix of another
     machine's paths. ``wrong`` lists impossible values among these options, as faults like those of
@@ -382,7 +382,10 @@ def keep(table: SourceTable, choices: Choices) -> BankRows:
 def _chosen(
     table: SourceTable, choices: Choices, places: Mapping[str, str], log: MotionLog | None, past: RowsBefore | None
 ) -> Iterator[NumberedRow]:
-    """Yield every ``every``-th row of an episode, after the rows before it; all go into the log."""
+    """Yield every ``every``-th row of an episode, after the rows before it; all go into the log.
+
+    With a history only rows that have their window count.
+    """
     words, seen = _wordy(choices, places), dict[object, int]()
     for number, found in enumerate(_whole(table), 1):
         if not found:
@@ -391,13 +394,13 @@ def _chosen(
         with table.faults.noted():
             row = choices.numerals.row(found, words, f"{table.name}, row {number}")
         episode = row.get(places.get("episode", ""))
-        turn = seen[episode] = seen.get(episode, -1) + 1
-        chosen, before = turn % choices.every == 0, list[NumberedRow]()
-        if past is not None:
-            chosen, before = past.before(row, number, chosen=chosen)
+        window = [] if past is None else past.window(row, number)
+        turn = seen[episode] = seen.get(episode, -1) + (window is not None)
+        chosen = window is not None and turn % choices.every == 0
         if log is not None:
             log.add(row, number, places, kept=chosen)
         if chosen:
+            before = [] if past is None or window is None else past.take(window, number)
             yield from (*before, (number, row))
 
 

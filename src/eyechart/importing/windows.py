@@ -10,19 +10,38 @@ from eyechart.importing.cells import Cell, Row, read_step
 from eyechart.importing.faults import Faults
 
 _NAMED = 8
-"""Moments with a gap before them are named up to this number."""
+"""Moments that are left out are named up to this number."""
 
 NumberedRow = tuple[int, Row]
 """A row with its number in the table, from 1."""
 
 
 @dataclass
+class LeftOut:
+    """Counts moments that are left out for one reason, and names the first of them."""
+
+    why: str
+    count: int = 0
+    named: list[str] = field(default_factory=list)
+
+    def add(self, moment: str) -> None:
+        """Count a moment."""
+        self.count += 1
+        self.named += [moment][: self.count <= _NAMED]
+
+    def lines(self) -> list[str]:
+        """Return a line on them; none without any."""
+        more = f" and {self.count - len(self.named)} more" if self.count > len(self.named) else ""
+        return [f"{counted(self.count, 'moment')} left out, {self.why}: {', '.join(self.named)}{more}"][: self.count]
+
+
+@dataclass
 class RowsBefore:
-    """Finds the ``history`` rows before a chosen row, each one step after the last.
+    """Finds the ``history`` rows before a row of an episode, each one step after the last.
 
     Rows come in the order of the table, and ``places`` has the columns of scenario, episode and
-    step. ``windows`` gets the numbers of the rows before each chosen one, the oldest first. A chosen
-    row without them is left out: at the start of its episode, or behind a gap.
+    step. A row without its window becomes no frame: at the start of its episode, or behind a gap.
+    ``windows`` has the numbers of the rows before each frame's row, the oldest first.
     """
 
     history: int
@@ -34,48 +53,44 @@ class RowsBefore:
     _first: dict[tuple[Cell, ...], int] = field(default_factory=dict)
     _kept: set[int] = field(default_factory=set)
     _early: int = 0
-    _behind: list[str] = field(default_factory=list)
+    _behind: LeftOut = field(default_factory=lambda: LeftOut("with a gap in the rows before"))
 
     def __post_init__(self) -> None:
         for place in ("episode", "step"):
             if place not in self.places:
                 self.faults.add(f"--history needs the order of the rows: name the {place} with --map {place}=COLUMN")
 
-    def before(self, row: Row, number: int, *, chosen: bool) -> tuple[bool, list[NumberedRow]]:
-        """Return whether a chosen row is kept, and the rows before it that no earlier window has."""
-        episode, step = tuple(row.get(self.places.get(one, "")) for one in ("scenario", "episode")), 0
+    def window(self, row: Row, number: int) -> list[NumberedRow] | None:
+        """Return the rows before the next row; None if it has not all of them, which is counted."""
         if "step" not in self.places:
-            return False, []
+            return None
+        episode, step = tuple(row.get(self.places.get(one, "")) for one in ("scenario", "episode")), 0
         with self.faults.noted():
             step = read_step(row.get(self.places["step"]), f"{self.table}, row {number}: the step")
-        known = self._last.setdefault(episode, deque(maxlen=self.history))
-        whole = self._is_whole(episode, step) if chosen else False
-        result = [(its, one) for _, its, one in known if whole and its not in self._kept]
-        if whole:
-            self.windows[number] = tuple(its for _, its, _ in known)
-            self._kept |= {number, *self.windows[number]}
-        self._first.setdefault(episode, step)
-        known.append((step, number, row))
-        return whole, result
-
-    def _is_whole(self, episode: tuple[Cell, ...], step: int) -> bool:
-        """Return whether the rows before a step are there; else count why they are not."""
-        there = {one for one, _, _ in self._last[episode]}
-        lacking = [one for one in range(step - self.history, step) if one not in there]
-        if not lacking:
-            return True
-        if max(lacking) < self._first.get(episode, step):
+        last = self._last.setdefault(episode, deque(maxlen=self.history))
+        before, wanted = [one for one, _, _ in last], [*range(step - self.history, step)]
+        lacking, result = [one for one in wanted if one not in before], [(its, one) for _, its, one in last]
+        if lacking and max(lacking) < self._first.setdefault(episode, step):
             self._early += 1
-        else:
-            self._behind.append(f"step {step} of episode {episode[1]} (no step {max(lacking)})")
-        return False
+        elif before != wanted:
+            why = f"no step {max(lacking)}" if lacking else "its rows are not in the order of the steps"
+            self._behind.add(f"step {step} of episode {episode[1]} ({why})")
+        last.append((step, number, row))
+        return result if before == wanted else None
+
+    def take(self, window: Sequence[NumberedRow], number: int) -> list[NumberedRow]:
+        """Note that a row becomes a frame; return the rows of its window that are not kept yet."""
+        self.windows[number] = tuple(its for its, _ in window)
+        result = [(its, row) for its, row in window if its not in self._kept]
+        self._kept |= {number, *self.windows[number]}
+        return result
 
     def said(self) -> Iterator[str]:
         """Yield how many moments are left out, and why."""
         if self._early:
             rows = counted(self.history, "row")
             yield f"{counted(self._early, 'moment')} at the start of episodes left out: no {rows} before them"
-        yield from _left_out(self._behind, "with a gap in the rows before")
+        yield from self._behind.lines()
 
     def require_some(self) -> None:
         """Note as a fault that no moment has a whole window."""
@@ -90,7 +105,7 @@ class Windows:
     def __init__(self, frames: Sequence[Frame], numbers: Sequence[int], rows: Mapping[int, Sequence[int]]) -> None:
         self._number = dict(zip((frame.id for frame in frames), numbers, strict=True))
         self._rows, self._shown = rows, dict[int, Frame]()
-        self._without: list[str] = []
+        self._without = LeftOut("without a picture of an instant before")
 
     def whole(self, frame: Frame) -> Frame | None:
         """Return a frame with its past; None for an instant before others, or without its own."""
@@ -100,22 +115,15 @@ class Windows:
             return None
         past = tuple(self._shown[one] for one in self._rows[number] if one in self._shown)
         if len(past) < len(self._rows[number]):
-            self._without.append(f"step {frame.step} of episode {frame.episode}")
+            self._without.add(f"step {frame.step} of episode {frame.episode}")
             return None
         return replace(frame, past=past)
 
     def said(self) -> list[str]:
         """Return how many moments are left out for want of a picture, and which."""
-        return _left_out(self._without, "without a picture of an instant before")
+        return self._without.lines()
 
     def require_some(self, added: Sequence[Frame]) -> None:
         """Raise SourceError if no frame is left."""
         if not added:
             raise SourceError(f"no frame is left: {'; '.join(self.said())}")
-
-
-def _left_out(moments: Sequence[str], why: str) -> list[str]:
-    """Return a line on the moments that are left out; none without any."""
-    more = f" and {len(moments) - _NAMED} more" if len(moments) > _NAMED else ""
-    named = ", ".join(moments[:_NAMED])
-    return [f"{counted(len(moments), 'moment')} left out, {why}: {named}{more}"] if moments else []

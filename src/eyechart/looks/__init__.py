@@ -74,16 +74,15 @@ def look(wanted: LookRequest, watch: Watch) -> Look:
     Raises SpecError if it cannot be asked or the cost was not agreed to. The steps raise BankError,
     SourceError and LedgerError.
     """
-    acts = is_policy(wanted.spec, wanted.pictures)
+    acts, history = is_policy(wanted.spec, wanted.pictures), 0
     if acts:
         held = wanted.held or open_policy(wanted.spec)
-        shown = replace(wanted.pictures, history=history_of(held.model.facts))
-        wanted = replace(wanted, held=held, pictures=shown)
+        wanted, history = replace(wanted, held=held), history_of(held.model.facts)
     elif wanted.held is None:
         open_model(wanted.spec, wanted.mode)  # reports what is wrong with it before a bank is made
     brought = wanted.pictures.are_brought and not (wanted.out / BANK).exists()
     with watch.bar("frames", "frames") as move:
-        bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None)
+        bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None, history)
     if brought:
         watch.say(*taken(open_bank(bank)))
     kind = PolicyLook if acts else ModelLook
