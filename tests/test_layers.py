@@ -96,6 +96,7 @@ ASSEMBLED = {
     "ledger",
     "looks",
     "models.huggingface",
+    "models.lerobot",
     "probe",
     "report",
     "serve",
