@@ -1,0 +1,30 @@
+"""Control pictures made from annotated photographs, by moving cut-outs along a flat road.
+
+An object is cut out, the hole is filled with the road itself, and copies are put where a rule needs
+them. What an edit may be trusted with is less than what a renderer or a stage gives.
+"""
+
+from eyechart.edits.annotations import BOXES, Annotations, Photo, Thing, read_annotations
+from eyechart.edits.checks import Limits
+from eyechart.edits.controls import PICTURES, Moves
+from eyechart.edits.edit import METHOD, RECORD, TABLE, EditRecord, Source, edit_photographs
+from eyechart.edits.masks import CUTS, usual_cut
+
+__all__ = [
+    "BOXES",
+    "CUTS",
+    "METHOD",
+    "PICTURES",
+    "RECORD",
+    "TABLE",
+    "Annotations",
+    "EditRecord",
+    "Limits",
+    "Moves",
+    "Photo",
+    "Source",
+    "Thing",
+    "edit_photographs",
+    "read_annotations",
+    "usual_cut",
+]
