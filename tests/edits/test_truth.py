@@ -104,7 +104,7 @@ def test_an_edited_lead_is_where_it_is_said_to_be(pair: Pair) -> None:
                     edited_worlds.gap_in(pixels(pair.edited / row[name]), pair.moment(row)),
                 )
                 errors.append(9.0 if got is None else abs(got - wanted) / wanted)
-        assert len(errors) >= 30, name
+        assert len(errors) >= 25, name
         assert np.median(errors) <= 0.02, name
         assert np.percentile(errors, 90) <= 0.05, name
         assert max(errors) < 0.10, name
@@ -169,7 +169,6 @@ def test_five_controllers_get_the_label_of_the_rendered_bank(pair: Pair, tmp_pat
                 if name in frame.counterfactuals
             }
         )
-    print(labels)
     assert labels[0] == labels[1]
     both = answers[0].keys() & answers[1].keys()
     assert len(both) > 150

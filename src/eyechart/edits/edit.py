@@ -273,9 +273,9 @@ class _Work:
         if record.masks[BOX]:
             record.notes.append(f"{counted(record.masks[BOX], 'object', 'are')} {PRICE}")
         record.notes += [
-            f"feet were not checked against distances: too few boxes ({one.size[0]}×{one.size[1]} pixels)"
+            f"the given horizons were not checked, so metres may be off where copies stand: {one.unchecked}"
             for one in record.grounds
-            if one.fit is None and not one.why
+            if one.unchecked
         ]
         self._write(TABLE, _as_csv(rows, self.source.annotations.columns).encode())
         for file in self._sheets.finish():

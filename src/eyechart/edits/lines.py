@@ -36,13 +36,14 @@ class Ground:
     """What the boxes of equal pictures say: the line of their feet, or why there is none.
 
     ``given`` are photographs with a horizon of their own; theirs is then how far the line is from
-    it.
+    it. ``unchecked`` says why given horizons could not be checked.
     """
 
     size: Size
     given: bool
     fit: Fit | None
-    why: str
+    why: str = ""
+    unchecked: str = ""
 
     def as_dict(self) -> dict[str, object]:
         """Return the plain values that an edit's record keeps."""
@@ -58,7 +59,7 @@ class Ground:
                 "boxes": fit.boxes,
             }
         )
-        return {"size": list(self.size), "given": self.given, **said, "why": self.why}
+        return {"size": list(self.size), "given": self.given, **said, "why": self.why, "unchecked": self.unchecked}
 
 
 def sights_of(photos: Sequence[Photo], sizes: Mapping[str, Size]) -> tuple[dict[str, Sight], list[Ground]]:
@@ -94,10 +95,10 @@ def _ground(photos: Sequence[Photo], size: Size, given: bool) -> Ground:  # noqa
             side = "below" if off > 0 else "above"
             words = f"boxes and distances put the horizon {abs(off):.1f} px {side} the given one"
             return Ground(size, given, free, f"{words}: leave the column horizon empty, or correct it")
-        return Ground(size, given, fit_horizon(feet, [one + free.behind_m for one in away], free=False), "")
-    if len(pairs) < FEWEST:
-        return Ground(size, given, None, "")
-    return Ground(size, given, fit_horizon(feet, away, free=False), "")
+        below = fit_horizon(feet, [one + free.behind_m for one in away], free=False)
+        return Ground(size, given, None if below is None else replace(below, behind_m=free.behind_m))
+    fit = fit_horizon(feet, away, free=False) if len(pairs) >= FEWEST else None
+    return Ground(size, given, fit, unchecked=loose)
 
 
 def _advice(loose: str) -> str:
