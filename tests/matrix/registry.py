@@ -33,6 +33,8 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.compare", "_apart"): "compare",
     ("eyechart.destination", "whole"): "fit",
     ("eyechart.destination", "write_files"): "paper",
+    ("eyechart.edits.edit", "_EditFolder._write"): "edit",
+    ("eyechart.edits.edit", "_EditFolder.finish"): "edit",
     ("eyechart.episodes.plans", "_begin"): "drives",
     ("eyechart.episodes.records", "mend_episodes"): "drives",
     ("eyechart.episodes.records", "read_episodes"): "film of a drive in MP4",

@@ -67,7 +67,7 @@ def edit(
     beside. Look at sheet.png before anything is asked: it is for you to say whether these are
     pictures of a road. What cannot be edited well is refused by picture, with a reason.
     """
-    from eyechart.edits import BOXES, CUTS, Moves, Source, edit_photographs, read_annotations, usual_cut
+    from eyechart.edits import BOXES, CUTS, EditSource, Moves, edit_photographs, read_annotations, usual_cut
 
     require_known(f"--boxes '{boxes}'", boxes, BOXES)
     if cut is not None:
@@ -76,7 +76,7 @@ def edit(
     if from_foot is not None and not 0 < from_foot < 1e9:
         raise SpecError(f"--from-foot is focal length times camera height in px·m, above 0; not {from_foot:g}")
     annotations = read_annotations(photos, table, objects, boxes)
-    source = Source(photos, annotations, objects.parent, boxes, cut or usual_cut(), from_foot)
+    source = EditSource(photos, annotations, objects.parent, boxes, cut or usual_cut(), from_foot)
     with progress("edit", "photographs") as move:
         record = edit_photographs(source, moves, out, move)
     following = import_command(out, near=moves.near, far=moves.far)

@@ -4,10 +4,10 @@ An object is cut out, the hole is filled with the road itself, and copies are pu
 them. What an edit may be trusted with is less than what a renderer or a stage gives.
 """
 
-from eyechart.edits.annotations import BOXES, Annotations, Photo, Thing, read_annotations
-from eyechart.edits.checks import Limits
+from eyechart.edits.annotations import BOXES, Annotations, ObjectBox, Photo, read_annotations
+from eyechart.edits.checks import EditLimits
 from eyechart.edits.controls import PICTURES, Moves
-from eyechart.edits.edit import METHOD, RECORD, TABLE, EditRecord, Source, edit_photographs
+from eyechart.edits.edit import METHOD, RECORD, TABLE, EditRecord, EditSource, edit_photographs
 from eyechart.edits.masks import CUTS, usual_cut
 
 __all__ = [
@@ -18,12 +18,12 @@ __all__ = [
     "RECORD",
     "TABLE",
     "Annotations",
+    "EditLimits",
     "EditRecord",
-    "Limits",
+    "EditSource",
     "Moves",
+    "ObjectBox",
     "Photo",
-    "Source",
-    "Thing",
     "edit_photographs",
     "read_annotations",
     "usual_cut",

@@ -38,7 +38,7 @@ MADE = frozenset({"gap", PATCHED, *CONTROLS, *COUNTERFACTUALS, *DISTANCES, "lead
 
 
 @dataclass(frozen=True)
-class Thing:
+class ObjectBox:
     """One object of a photograph.
 
     ``box`` is in pixels, as in its row; ``distance_m`` is along the road to its near side, None if
@@ -72,15 +72,15 @@ class Photo:
     vanishing: float | None = None
     beside: tuple[str, ...] = ()
     clear_to_m: float | None = None
-    things: tuple[Thing, ...] = ()
+    things: tuple[ObjectBox, ...] = ()
     where: str = ""
 
     @property
-    def lead(self) -> Thing | None:
+    def lead(self) -> ObjectBox | None:
         """Return what is ahead on the own way, None if nothing is."""
         return next((one for one in self.things if one.role == LEAD), None)
 
-    def of(self, role: str) -> tuple[Thing, ...]:
+    def of(self, role: str) -> tuple[ObjectBox, ...]:
         """Return the things of a role."""
         return tuple(one for one in self.things if one.role == role)
 
@@ -170,9 +170,9 @@ def _read_sides(cell: Cell, where: str) -> tuple[str, ...]:
 
 def _read_objects(
     pictures: Photographs, objects: Path, boxes: str, photos: Sequence[Photo], faults: Faults
-) -> dict[str, list[Thing]]:
+) -> dict[str, list[ObjectBox]]:
     """Return the things of each photograph by its file."""
-    things: dict[str, list[Thing]] = {one.file: [] for one in photos}
+    things: dict[str, list[ObjectBox]] = {one.file: [] for one in photos}
     source = open_table(objects)
     _require_columns(source, _NEEDED, faults)
     for name in source.columns:
@@ -194,7 +194,7 @@ def _list() -> str:
     return ", ".join(OF_OBJECTS)
 
 
-def _read_thing(row: Row, boxes: str, where: str) -> Thing:
+def _read_thing(row: Row, boxes: str, where: str) -> ObjectBox:
     role = "" if is_nothing(row.get("role")) else str(row["role"]).strip().lower()
     if role not in ROLES:
         known = "lead, own, ignored, or empty for another thing"
@@ -204,7 +204,7 @@ def _read_thing(row: Row, boxes: str, where: str) -> Thing:
     if len(whole) < len(numbers):
         raise SourceError(f"{where}: a box needs its four numbers x0, y0, x1 and y1")
     mask = "" if is_nothing(row.get("mask")) else str(row["mask"]).strip()
-    return Thing(
+    return ObjectBox(
         role=role,
         box=corners(whole, boxes, where),
         distance_m=_positive(row, "distance_m", where),

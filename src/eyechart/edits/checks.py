@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from eyechart.edits.annotations import Photo
 from eyechart.edits.geometry import Box, Mask, grown
 from eyechart.edits.horizon import Fit
-from eyechart.edits.scene import Cutout, Place, Scene
+from eyechart.edits.scene import CopyPlace, Cutout, EditScene
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class EditLimits:
     """The limits of an edit, as shares where no unit is named.
 
     A copy's scale is from ``smallest`` to ``largest``. A lead has ``least_px`` rows, is
@@ -41,12 +41,12 @@ class Limits:
     moved: float = 0.1
 
 
-USUAL = Limits()
+USUAL = EditLimits()
 _BESIDE_M, _BESIDE = 1.0, 1.1
 """Two things whose distances differ less, in metres or as a factor, stand in one place."""
 
 
-def of_annotation(photo: Photo, lead: Cutout, rows: int, columns: int, limits: Limits) -> Iterator[str]:
+def of_annotation(photo: Photo, lead: Cutout, rows: int, columns: int, limits: EditLimits) -> Iterator[str]:
     """Yield why a lead cannot be cut out whole, from what was annotated."""
     thing, box = photo.lead, lead.box
     assert thing is not None
@@ -64,7 +64,7 @@ def of_annotation(photo: Photo, lead: Cutout, rows: int, columns: int, limits: L
         yield "its distance is not known: give distance_m, or --from-foot K with a horizon"
 
 
-def of_scene(scene: Scene, ignored: Sequence[Box], fit: Fit | None, limits: Limits) -> Iterator[str]:
+def of_scene(scene: EditScene, ignored: Sequence[Box], fit: Fit | None, limits: EditLimits) -> Iterator[str]:
     """Yield why a lead cannot be moved in its scene."""
     lead, horizon = scene.lead, scene.lines.horizon
     if lead.foot <= horizon + 2:
@@ -89,7 +89,7 @@ def of_scene(scene: Scene, ignored: Sequence[Box], fit: Fit | None, limits: Limi
         )
 
 
-def foot_off(scene: Scene, fit: Fit) -> float:
+def foot_off(scene: EditScene, fit: Fit) -> float:
     """Return the depth of the lead's foot below the horizon over the one of the bank's line."""
     asked = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
     return (scene.lead.foot - scene.lines.horizon) / asked if asked > 0 else 0.0
@@ -107,7 +107,7 @@ def _touches(mask: Mask, box: Box) -> bool:
     return bool(mask[y0:y1, x0:x1].any())
 
 
-def of_places(scene: Scene, places: Sequence[Place], photo: Photo, fit: Fit | None, limits: Limits) -> str:
+def of_places(scene: EditScene, places: Sequence[CopyPlace], photo: Photo, fit: Fit | None, limits: EditLimits) -> str:
     """Return why copies of the lead cannot stand in these places, empty if they can."""
     boxes = [scene.box_at(place) for place in places]
     for place, box in zip(places, boxes, strict=True):
@@ -121,7 +121,7 @@ def of_places(scene: Scene, places: Sequence[Place], photo: Photo, fit: Fit | No
     return ""
 
 
-def _of_copy(scene: Scene, place: Place, box: Box, photo: Photo, fit: Fit | None, limits: Limits) -> str:
+def _of_copy(scene: EditScene, place: CopyPlace, box: Box, photo: Photo, fit: Fit | None, limits: EditLimits) -> str:
     columns = scene.lead.mask.shape[1]
     scale, metres = scene.scale(place), f"at {place.distance_m:.1f} m"
     if not limits.smallest <= scale <= limits.largest:
@@ -138,7 +138,7 @@ def _of_copy(scene: Scene, place: Place, box: Box, photo: Photo, fit: Fit | None
     return _in_the_way(scene, place, box, limits)
 
 
-def _foot_is_seen(scene: Scene, box: Box, limits: Limits) -> bool:
+def _foot_is_seen(scene: EditScene, box: Box, limits: EditLimits) -> bool:
     """Return whether the row on which a copy stands is in the picture, above the own vehicle."""
     rows, columns = scene.lead.mask.shape
     if box.y1 > rows:
@@ -148,14 +148,14 @@ def _foot_is_seen(scene: Scene, box: Box, limits: Limits) -> bool:
     return bool(own.size) and float(own.mean()) <= limits.covered
 
 
-def _place_off(scene: Scene, scale: float, fit: Fit) -> float:
+def _place_off(scene: EditScene, scale: float, fit: Fit) -> float:
     """Return how far off a copy's foot is if the horizon is what is wrong with the lead's foot."""
     asked = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
     wrong_px = abs(scene.lead.foot - scene.lines.horizon - asked)
     return max(wrong_px - 1.0, 0.0) * abs(1 - scale) / (scale * asked) if asked > 0 else 0.0
 
 
-def _in_the_way(scene: Scene, place: Place, box: Box, limits: Limits) -> str:
+def _in_the_way(scene: EditScene, place: CopyPlace, box: Box, limits: EditLimits) -> str:
     """Return what stands where a copy is to stand, or before it on its way."""
     for one in scene.others:
         if one.distance_m is None:
@@ -164,18 +164,18 @@ def _in_the_way(scene: Scene, place: Place, box: Box, limits: Limits) -> str:
             continue
         if one.distance_m > max(_BESIDE * place.distance_m, place.distance_m + _BESIDE_M):
             continue
-        there = scene.box_at(Place(one.distance_m, place.left_m))
+        there = scene.box_at(CopyPlace(one.distance_m, place.left_m))
         if _overlap(there.x0, there.x1, one.box) > limits.covered:
             return f"at {place.distance_m:.1f} m something stands in its place or before it ({one.where})"
     return ""
 
 
-def of_absence(scene: Scene, limits: Limits) -> str:
+def of_absence(scene: EditScene, limits: EditLimits) -> str:
     """Return why a picture without the lead has another lead, empty if it has none."""
     for one in scene.others:
         if one.distance_m is None:
             continue
-        there = scene.box_at(Place(one.distance_m))
+        there = scene.box_at(CopyPlace(one.distance_m))
         if _overlap(there.x0, there.x1, one.box) > limits.covered:
             return f"something else stands on its way ({one.where})"
     return ""

@@ -8,11 +8,11 @@ import numpy as np
 
 from eyechart.edits import checks
 from eyechart.edits.annotations import PATCHED, Photo
-from eyechart.edits.checks import USUAL, Limits
+from eyechart.edits.checks import USUAL, EditLimits
 from eyechart.edits.fill import Plate, filled
 from eyechart.edits.geometry import Mask, blur_of, scaled
 from eyechart.edits.horizon import Fit
-from eyechart.edits.scene import Place, Scene
+from eyechart.edits.scene import CopyPlace, EditScene
 from eyechart.errors import SpecError
 from eyechart.frames import EXCHANGE, LEAD, RGB, Draws, Span, exchanged
 from eyechart.seeds import key_seed
@@ -56,7 +56,7 @@ class Moves:
     eye_m: float | None = None
     seed: int = 0
     shadow: float = 0.08
-    limits: Limits = USUAL
+    limits: EditLimits = USUAL
 
     def __post_init__(self) -> None:
         for name, (least, most) in (("near", self.near), ("far", self.far)):
@@ -93,7 +93,7 @@ class Edit:
 
     pictures: dict[str, RGB] = field(default_factory=dict)
     distances: dict[str, float] = field(default_factory=dict)
-    places: dict[str, tuple[Place, ...]] = field(default_factory=dict)
+    places: dict[str, tuple[CopyPlace, ...]] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
 
 
@@ -101,7 +101,7 @@ class Edit:
 class Editor:
     """Makes the pictures of one photograph, whose scene is whole, by the moves."""
 
-    scene: Scene
+    scene: EditScene
     photo: Photo
     moves: Moves
     draws: Draws
@@ -140,7 +140,7 @@ class Editor:
     def _move(self, made: Edit, plate: Plate, name: str, column: str, tried: Iterator[float]) -> None:
         why = ""
         for distance_m in tried:
-            place = Place(distance_m)
+            place = CopyPlace(distance_m)
             found = checks.of_places(self.scene, [place], self.photo, self.fit, self.moves.limits)
             if not found and abs(self.scene.scale(place) - 1) < self.moves.limits.moved:
                 found = f"at {distance_m:.1f} m it would stand where it is"
@@ -175,7 +175,7 @@ class Editor:
             why = why or f"no distance of the exchange differs enough from {LEAD}"
         made.refused |= dict.fromkeys(names, why)
 
-    def _exchanges(self, own_m: float) -> Iterator[Mapping[str, Sequence[Place]]]:
+    def _exchanges(self, own_m: float) -> Iterator[Mapping[str, Sequence[CopyPlace]]]:
         """Yield pairs of places for the three pictures, in which the near one is at ``own_m``."""
         assert self.moves.lane_m is not None
         rng, scene = self._rng(f"exchange {own_m}"), self.scene
@@ -191,8 +191,8 @@ class Editor:
             square = own_m**2 + (aside_m + lean) ** 2 - (aside_m + its_left) ** 2
             if square <= 0:
                 continue
-            own, far = Place(own_m, lean), Place(far_m, lean)
-            its_far, beside = Place(its_far_m, its_left), Place(math.sqrt(square), its_left)
+            own, far = CopyPlace(own_m, lean), CopyPlace(far_m, lean)
+            its_far, beside = CopyPlace(its_far_m, its_left), CopyPlace(math.sqrt(square), its_left)
             yield {OWN_WAY: (own, its_far), BESIDE: (beside, far), APART: (far, its_far)}
 
     def _patch(self, made: Edit, plate: Plate) -> None:
@@ -205,12 +205,12 @@ class Editor:
         largest = max((scene.scale(place) for places in made.places.values() for place in places), default=1.0)
         sigma = min(blur_of(max(largest, _LEAST_GROWTH)), _MOST_BLUR_PX)
         second = filled(plate.picture, self._second_hole(), scene.lines, kept=scene.kept)
-        made.pictures[PATCHED] = scene.softened(sigma).composed(second, Place(scene.distance_m))
-        made.places[PATCHED] = (Place(scene.distance_m),)
+        made.pictures[PATCHED] = scene.softened(sigma).composed(second, CopyPlace(scene.distance_m))
+        made.places[PATCHED] = (CopyPlace(scene.distance_m),)
 
     def _second_hole(self) -> Mask:
         scene, share = self.scene, self.scene.lead.mask.astype(np.float32)[..., None]
-        nearer = Place(_PATCH * scene.distance_m)
+        nearer = CopyPlace(_PATCH * scene.distance_m)
         box, rows = scene.box_at(nearer), scene.lead.mask.shape[0]
         if box.y1 <= rows * (1 - self.moves.limits.before):
             there = scaled(share, scene.scale(nearer), scene.lines)[..., 0] > 0.5

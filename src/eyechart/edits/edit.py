@@ -14,12 +14,12 @@ import numpy as np
 
 from eyechart import __version__
 from eyechart.edits import checks
-from eyechart.edits.annotations import BOXES, IGNORED, OTHER, OWN, Annotations, Photo, Thing, in_pixels
+from eyechart.edits.annotations import BOXES, IGNORED, OTHER, OWN, Annotations, ObjectBox, Photo, in_pixels
 from eyechart.edits.controls import EVERY, PICTURES, Edit, Editor, Moves
 from eyechart.edits.geometry import Box, Mask, box_of
 from eyechart.edits.lines import Ground, Sight, Size, sights_of, with_distances
 from eyechart.edits.masks import BOX, PRICE, mask_of, usual_cut
-from eyechart.edits.scene import Cutout, Place, Scene, with_shadow
+from eyechart.edits.scene import CopyPlace, Cutout, EditScene, with_shadow
 from eyechart.edits.sheet import Sheets
 from eyechart.errors import BankError, SourceError, counted
 from eyechart.frames import RGB, Draws, decode, draws_of, encode, read_bounded, require_plain, size_of, whole_folder
@@ -95,7 +95,7 @@ class EditRecord:
 
 
 @dataclass(frozen=True)
-class Source:
+class EditSource:
     """Where photographs and what is known of them come from.
 
     ``boxes`` says what the numbers of a box are, and ``cut`` how an object without a mask is cut
@@ -111,7 +111,7 @@ class Source:
     from_foot: float | None = None
 
 
-def edit_photographs(source: Source, moves: Moves, out: Path, progress: Progress | None = None) -> EditRecord:
+def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Progress | None = None) -> EditRecord:
     """Write the control pictures of photographs into the new folder ``out``, and return the record.
 
     The folder has the photographs as taken, a folder for each control picture, ``table.csv`` as
@@ -129,7 +129,7 @@ def edit_photographs(source: Source, moves: Moves, out: Path, progress: Progress
     record = EditRecord(len(photos), _parameters(source, moves), grounds)
     draws = draws_of(moves.seed, moves.span, [one.file for one in photos])
     with whole_folder(out, SourceError) as work:
-        work_on = _Work(work, source, moves, record)
+        work_on = _EditFolder(work, source, moves, record)
         rows = []
         for number, photo in enumerate(photos, 1):
             row = work_on.edit(photo, sights[photo.file], draws[photo.file])
@@ -140,7 +140,7 @@ def edit_photographs(source: Source, moves: Moves, out: Path, progress: Progress
     return record
 
 
-def _sizes(source: Source) -> dict[str, Size]:
+def _sizes(source: EditSource) -> dict[str, Size]:
     """Return the size of each photograph, after a check that all programs show it alike."""
     faults, sizes = Faults(), {}
     for one in source.annotations.photos:
@@ -155,7 +155,7 @@ def _sizes(source: Source) -> dict[str, Size]:
     return sizes
 
 
-def _parameters(source: Source, moves: Moves) -> dict[str, object]:
+def _parameters(source: EditSource, moves: Moves) -> dict[str, object]:
     return {
         "near_m": list(moves.near),
         "far_m": list(moves.far),
@@ -174,11 +174,11 @@ Row = dict[str, object]
 
 
 @dataclass
-class _Work:
+class _EditFolder:
     """The new folder while it is filled, a photograph at a time."""
 
     folder: Path
-    source: Source
+    source: EditSource
     moves: Moves
     record: EditRecord
 
@@ -218,7 +218,7 @@ class _Work:
         self._sheets.add(photo, pixels, scene, made, reasons)
         return row | made.distances
 
-    def _scene(self, photo: Photo, lead: Thing, pixels: RGB, sight: Sight) -> tuple[Scene | None, list[str]]:
+    def _scene(self, photo: Photo, lead: ObjectBox, pixels: RGB, sight: Sight) -> tuple[EditScene | None, list[str]]:
         """Return the photograph taken apart, and why it cannot be edited."""
         rows, columns = pixels.shape[:2]
         if sight.lines is None:
@@ -235,7 +235,7 @@ class _Work:
         apart = tuple(_without(one, own.mask) for one in others)
         apart = tuple(one for one in apart if one.mask.any())
         free = ~(_union([one.mask for one in apart], empty) | hidden)
-        scene = Scene(
+        scene = EditScene(
             picture=pixels.astype(np.float32),
             lead=own,
             share=with_shadow(own.mask, free, self.moves.shadow),
@@ -247,7 +247,7 @@ class _Work:
         ignored: Sequence[Box] = [one.box for one in photo.of(IGNORED)]
         return scene, [*reasons, *checks.of_scene(scene, ignored, sight.fit, self.moves.limits)]
 
-    def _cutout(self, thing: Thing, pixels: RGB) -> Cutout:
+    def _cutout(self, thing: ObjectBox, pixels: RGB) -> Cutout:
         mask, kind = mask_of(thing, pixels, [self.source.folder, self.source.beside], self.source.cut)
         self.record.masks[kind] += 1
         if not mask.any():
@@ -284,7 +284,7 @@ class _Work:
         (self.folder / RECORD).write_text(f"{text}\n", encoding="utf-8")
 
 
-def _copied(scene: Scene, place: Place) -> Copy:
+def _copied(scene: EditScene, place: CopyPlace) -> Copy:
     """Return the plain values of a copy's place."""
     scale = round(scene.scale(place), 4)
     return {"distance_m": round(place.distance_m, 3), "left_m": round(place.left_m, 3), "scale": scale}

@@ -86,8 +86,8 @@ def _coarsely(picture: Planes, hole: Mask, source: Mask) -> Planes:
     quarter = (holes.shape[0] // 2, 2, holes.shape[1] // 2, 2)
     counts = weight.reshape(*quarter, 1).sum(axis=(1, 3))
     small = colours.reshape(*quarter, -1).sum(axis=(1, 3)) / np.maximum(counts, 1e-6)
-    wholly = holes.reshape(quarter).any(axis=(1, 3)) & (counts[..., 0] < 4)
-    solved = _membrane(small.astype(np.float32), wholly, (counts[..., 0] > 0) & ~wholly)
+    known = counts[..., 0] > 0
+    solved = _membrane(small.astype(np.float32), holes.reshape(quarter).any(axis=(1, 3)) & ~known, known)
     large = zoom(solved, (2, 2, 1), order=1, grid_mode=True, mode="nearest")[: hole.shape[0], : hole.shape[1]]
     made = picture.copy()
     made[hole] = large[hole]

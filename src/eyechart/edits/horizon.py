@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 LEAST_BOXES = 24
 """Fewer boxes do not fix a horizon."""
@@ -23,7 +24,10 @@ _CUT = 1.5
 """Residuals beyond this many spreads count for less (Huber)."""
 
 _ROUNDS = 12
-_BEHIND_M = np.arange(-0.5, 4.01, 0.1)
+_MOST_BEHIND_M = 5.0
+_FOOT_PX, _DISTANCE = 0.5, 0.05
+"""The errors that are expected: of a foot in pixels, and of a distance as a share of itself."""
+
 _LEAST_BEHIND_M, _SURE = 0.3, 4.0
 """A camera behind the measured point is believed from this distance on, and so many standard errors.
 Whole pixels alone look like 0.2 m."""
@@ -64,17 +68,23 @@ def fit_horizon(feet: Sequence[float], distances_m: Sequence[float], *, free: bo
     plain = _line(rows, away, 0.0, free=free)
     if not free or not _spans(away):
         return plain
-    tried = [_line(rows, away, float(one), free=free) for one in _BEHIND_M if away.min() + one > 0.2]
-    best = min(tried, key=lambda one: one.spread)
-    sure = abs(best.behind_m) > max(_LEAST_BEHIND_M, _SURE * _error_behind(best, away))
-    return best if sure and best.spread < plain.spread else plain
+    start = (plain.horizon, plain.slope, 0.0)
+    found = least_squares(
+        lambda three: (rows - three[0] - three[1] / (away + three[2])) / _expected(rows - plain.horizon),
+        start,
+        bounds=([-np.inf, -np.inf, max(-_MOST_BEHIND_M, 0.2 - away.min())], [np.inf, np.inf, _MOST_BEHIND_M]),
+        loss="soft_l1",
+        x_scale=(1.0, max(abs(plain.slope), 1.0), 1.0),
+    )
+    behind_m, loss = float(found.x[2]), 2 * found.cost / max(len(rows) - 3, 1)
+    error = float(np.sqrt(np.linalg.pinv(found.jac.T @ found.jac)[2, 2] * loss))
+    sure = abs(behind_m) > max(_LEAST_BEHIND_M, _SURE * error)
+    return _line(rows, away, behind_m, free=free) if sure else plain
 
 
-def _error_behind(fit: Fit, away: _Floats) -> float:
-    """Return the standard error of the camera's distance behind the measured point, in metres."""
-    inverse = 1 / (away + fit.behind_m)
-    slopes = np.column_stack([np.ones_like(inverse), inverse, -fit.slope * inverse**2])
-    return fit.spread * float(np.sqrt(np.linalg.pinv(slopes.T @ slopes)[2, 2]))
+def _expected(below: _Floats) -> _Floats:
+    """Return the error that is expected of feet so far below the horizon, in pixels."""
+    return _FOOT_PX + _DISTANCE * np.maximum(below, 0.0)
 
 
 def _spans(distances_m: _Floats) -> bool:
@@ -98,12 +108,16 @@ def _line(rows: _Floats, away: _Floats, behind_m: float, *, free: bool) -> Fit:
     """Return the robust line for one distance of the camera behind the measured point."""
     inverse = 1 / (away + behind_m)
     design = np.column_stack([np.ones_like(inverse), inverse]) if free else inverse[:, None]
-    weight, spread = np.ones(len(rows)), 0.0
+    expected, weight = np.ones(len(rows)), np.ones(len(rows))
     for _ in range(_ROUNDS):
-        solution = np.linalg.lstsq(design * weight[:, None], rows * weight, rcond=None)[0]
-        residual = np.abs(rows - design @ solution)
-        spread = 1.4826 * float(np.median(residual)) + 1e-6
-        weight = np.sqrt(1 / np.maximum(1.0, residual / (_CUT * spread)))
-    covariance = np.linalg.pinv((design * weight[:, None]).T @ (design * weight[:, None])) * spread**2
-    horizon = float(solution[0]) if free else 0.0
+        scale = weight / expected
+        solution = np.linalg.lstsq(design * scale[:, None], rows * scale, rcond=None)[0]
+        horizon = float(solution[0]) if free else 0.0
+        expected = _expected(rows - horizon)
+        residual = np.abs(rows - design @ solution) / expected
+        times = 1.4826 * float(np.median(residual)) + 1e-6
+        weight = np.sqrt(1 / np.maximum(1.0, residual / (_CUT * times)))
+    scale = weight / expected
+    covariance = np.linalg.pinv((design * scale[:, None]).T @ (design * scale[:, None])) * times**2
+    spread = 1.4826 * float(np.median(np.abs(rows - design @ solution)))
     return Fit(horizon, float(solution[-1]), behind_m, spread, float(np.sqrt(covariance[0, 0])), len(rows))

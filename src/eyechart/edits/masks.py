@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy.ndimage import binary_closing, label
 
-from eyechart.edits.annotations import Thing
+from eyechart.edits.annotations import ObjectBox
 from eyechart.edits.geometry import Box, Mask
 from eyechart.errors import BankError, SourceError, raising
 from eyechart.frames import RGB, decode, inside, media_type, read_bounded
@@ -35,7 +35,7 @@ def usual_cut() -> str:
     return GRABCUT if find_spec("cv2") is not None else BOX
 
 
-def mask_of(thing: Thing, pixels: RGB, folders: Sequence[Path], cut: str) -> tuple[Mask, str]:
+def mask_of(thing: ObjectBox, pixels: RGB, folders: Sequence[Path], cut: str) -> tuple[Mask, str]:
     """Return a thing's mask (h, w) and where it is from.
 
     A file is sought in the folders. Raises SourceError if a mask cannot be read, or is not the
@@ -99,7 +99,7 @@ def _corner(text: str) -> float:
     return value
 
 
-def _of_box(mask: Mask, thing: Thing, width: int, height: int) -> Mask:
+def _of_box(mask: Mask, thing: ObjectBox, width: int, height: int) -> Mask:
     """Return a mask that agrees with its box; raises SourceError for one that does not."""
     box = from_box(thing.box, width, height)
     if not mask.any():

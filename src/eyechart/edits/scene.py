@@ -30,7 +30,7 @@ class Cutout:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class CopyPlace:
     """A place on the road: metres ahead, and metres to the left of where the thing stood across."""
 
     distance_m: float
@@ -38,7 +38,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Scene:
+class EditScene:
     """A photograph (h, w, 3) taken apart, with its vanishing lines and its camera's height.
 
     ``share`` (h, w) is how much of a pixel is cut out with the lead, its shadow on the road too.
@@ -73,18 +73,18 @@ class Scene:
         assert self.lead.distance_m is not None
         return self.lead.distance_m
 
-    def scale(self, place: Place) -> float:
+    def scale(self, place: CopyPlace) -> float:
         """Return how much the lead grows at a place."""
         return self.lines.scale(self.distance_m, place.distance_m)
 
-    def shift_px(self, place: Place) -> float:
+    def shift_px(self, place: CopyPlace) -> float:
         """Return how far to the right a copy of the lead is moved across at a place, in pixels."""
         if not place.left_m or self.eye_m is None:
             return 0.0
         foot = self.lines.row(self.lead.foot, self.scale(place))
         return -self.lines.aside_px(foot, place.left_m / self.eye_m)
 
-    def box_at(self, place: Place) -> Box:
+    def box_at(self, place: CopyPlace) -> Box:
         """Return the box of a copy of the lead, also beyond the picture."""
         scale, shift, box = self.scale(place), self.shift_px(place), self.lead.box
         about = self.lines.column
@@ -102,7 +102,7 @@ class Scene:
         assert self.eye_m is not None
         return (self.lead.box.x1 - self.lead.box.x0) / (self.lead.foot - self.lines.horizon) * self.eye_m
 
-    def layer(self, place: Place) -> Layer:
+    def layer(self, place: CopyPlace) -> Layer:
         """Return the cut-out of the lead at a place; the edge of an enlarged one stays sharp."""
         scale = self.scale(place)
         planes = scaled(cut(self.picture, self.share), scale, self.lines, self.shift_px(place))
@@ -110,14 +110,14 @@ class Scene:
             planes = _sharp(planes, scale)
         return Layer(place.distance_m, planes)
 
-    def composed(self, plate: Plate, *places: Place) -> RGB:
+    def composed(self, plate: Plate, *places: CopyPlace) -> RGB:
         """Return a plate with copies of the lead at places; what is nearer covers what is not."""
         others = [Layer(one.distance_m or 0.0, cut(self.picture, one.mask.astype(np.float32))) for one in self.others]
         made = laid_over(plate.picture, [*(self.layer(place) for place in places), *others])
         made[self.own] = self.picture[self.own]
         return as_pixels(made)
 
-    def softened(self, sigma: float) -> "Scene":
+    def softened(self, sigma: float) -> "EditScene":
         """Return the scene with a lead as soft as this sigma makes it, in its own place."""
         alone = self.lead.mask.astype(np.float32)
         weight = np.maximum(gaussian_filter(alone, sigma), 1e-3)[..., None]

@@ -8,9 +8,9 @@ import numpy as np
 from eyechart.edits.annotations import Photo
 from eyechart.edits.controls import EVERY, PICTURES, Edit
 from eyechart.edits.geometry import grown
-from eyechart.edits.scene import Scene
+from eyechart.edits.scene import EditScene
 from eyechart.frames import EXCHANGE, LEAD, RGB
-from eyechart.report.contact_sheet import Cell, draw_sheet, small
+from eyechart.report.contact_sheet import SheetCell, draw_sheet, small
 
 ROWS = 40
 """The photographs of one sheet; more are on further sheets."""
@@ -26,21 +26,21 @@ class Sheets:
     """Sheets in a folder: ``sheet.png``, then ``sheet-2.png`` and so on."""
 
     folder: Path
-    _rows: list[list[Cell]] = field(default_factory=list)
+    _rows: list[list[SheetCell]] = field(default_factory=list)
     _files: list[Path] = field(default_factory=list)
 
-    def add(self, photo: Photo, pixels: RGB, scene: Scene | None, made: Edit, reasons: list[str]) -> None:
+    def add(self, photo: Photo, pixels: RGB, scene: EditScene | None, made: Edit, reasons: list[str]) -> None:
         """Add a photograph: as taken with its annotation, and each control picture or its reason."""
         lead = photo.lead
         metres = "" if lead is None else f"  {lead.distance_m:.1f} m"
-        row = [Cell((f"{photo.file}{metres}", *reasons[:1]), small(_annotated(pixels, scene), _CELL_PX))]
+        row = [SheetCell((f"{photo.file}{metres}", *reasons[:1]), small(_annotated(pixels, scene), _CELL_PX))]
         empty = small(np.full_like(pixels, _GREY), _CELL_PX)
         for name in PICTURES if made.pictures else ():
             away = made.distances.get(_METRES.get(name, ""))
             words = f"{name}{'' if away is None else f'  {away:.1f} m'}"
             picture = made.pictures.get(name)
             row.append(
-                Cell(
+                SheetCell(
                     (words, made.refused.get(name, made.refused.get(EVERY, ""))),
                     empty if picture is None else small(picture, _CELL_PX),
                 )
@@ -63,7 +63,7 @@ class Sheets:
         self._rows = []
 
 
-def _annotated(pixels: RGB, scene: Scene | None) -> RGB:
+def _annotated(pixels: RGB, scene: EditScene | None) -> RGB:
     """Return a photograph with the outline of its lead, of other things, and its horizon."""
     shown = pixels.copy()
     if scene is None:

@@ -36,7 +36,7 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
     told = bank.manifest.motion is not None
     cells = [
         [
-            Cell(
+            SheetCell(
                 (_caption(frame, bank, counterfactual), *(_told(frame) if told else ())),
                 small(_pixels(bank, frame, counterfactual), _CELL_PX),
             )
@@ -47,7 +47,7 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
     draw_sheet(cells, out)
 
 
-class Cell(NamedTuple):
+class SheetCell(NamedTuple):
     """A picture (h, w, 3) of a sheet, with the lines above it; each is cut to the picture's width."""
 
     lines: tuple[str, ...]
@@ -60,7 +60,7 @@ def small(pixels: RGB, width: int) -> RGB:
     return np.asarray(picture.resize((width, max(1, round(picture.height * width / picture.width)))), np.uint8)
 
 
-def draw_sheet(rows: Sequence[Sequence[Cell]], out: Path, *, cell_px: int = _CELL_PX) -> None:
+def draw_sheet(rows: Sequence[Sequence[SheetCell]], out: Path, *, cell_px: int = _CELL_PX) -> None:
     """Write rows of pictures as one PNG, all as wide as ``cell_px`` and as high as the first.
 
     Raises BankError if it is too large for a PNG viewer.
