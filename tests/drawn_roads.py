@@ -48,12 +48,12 @@ RED, BLUE = (200, 40, 30), (40, 60, 200)
 
 
 def some(count: int = 6, seed: int = 0) -> list[Drawn]:
-    """Return photographs with a red lead at 5 to 12 m, and a blue box on the left way behind it."""
+    """Return photographs with a red lead at 4.5 to 7.5 m, and a blue box on the left way behind it."""
     rng = np.random.default_rng(seed)
     return [
         Drawn(
             f"{number:06d}.png",
-            ((round(float(rng.uniform(5, 12)), 2), 0.0, RED), (round(float(rng.uniform(14, 24)), 2), LANE_M, BLUE)),
+            ((round(float(rng.uniform(4.5, 7.5)), 2), 0.0, RED), (round(float(rng.uniform(14, 24)), 2), LANE_M, BLUE)),
         )
         for number in range(count)
     ]

@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import annotation_forms
 import banks
 import data_sets
 import demonstrations
@@ -89,6 +90,8 @@ def _tables(stock: Path) -> None:
     (stock / "rover.toml").write_text(photographs.SPACE)
     roads = drawn_roads.some(2)
     drawn_roads.write_pictures(stock / "roads", roads)
+    annotation_forms.coco(stock / "coco", roads)
+    annotation_forms.nuscenes(stock / "nuscenes", roads)
     drawn_roads.write_tables(stock / "roads.csv", stock / "boxes.csv", roads)
     photographs.take(stock / "photos", rows)
     with (stock / "photos.csv").open("w", newline="") as file:

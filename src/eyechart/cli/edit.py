@@ -11,7 +11,7 @@ from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, counted, require_known
 
 if TYPE_CHECKING:
-    from eyechart.edits import EditRecord
+    from eyechart.edits import Annotations, EditRecord
     from eyechart.frames import Span
 
 _SHOWN = 12
@@ -26,22 +26,26 @@ EPILOG = (
 def edit(
     photos: Annotated[Path, typer.Argument(help="Folder of the photographs.")],
     *,
-    table: Annotated[
-        Path,
-        typer.Option(
-            help="A row a photograph: file, episode, step, scenario; optional horizon, vanishing, beside, clear_to_m."
-        ),
-    ],
     objects: Annotated[
         Path,
         typer.Option(
             help="A row an object: file, role (lead, empty, own, ignored), x0, y0, x1, y1, distance_m; optional mask, "
-            "truncated, occluded."
+            "truncated, occluded. With --format its own file or folder."
         ),
     ],
     near: Annotated[str, typer.Option(help="Where the lead is near, as 5:9, in metres.")],
     far: Annotated[str, typer.Option(help="Where the lead is far, as 40:60.")],
     out: Annotated[Path, typer.Option(help="New folder of the pictures, the table, the sheet and the record.")],
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            help="A row a photograph: file, episode, step, scenario; optional horizon, vanishing, beside, clear_to_m. "
+            "With --format it may be left out."
+        ),
+    ] = None,
+    format_: Annotated[
+        str, typer.Option("--format", help="Form of the objects: table, kitti, nuscenes, coco, yolo or mot.")
+    ] = "table",
     lane: Annotated[float | None, typer.Option(help="Width of a way in metres; the exchange needs it.")] = None,
     eye: Annotated[float | None, typer.Option(help="Height of the camera in metres; the exchange needs it.")] = None,
     boxes: Annotated[
@@ -67,16 +71,16 @@ def edit(
     beside. Look at sheet.png before anything is asked: it is for you to say whether these are
     pictures of a road. What cannot be edited well is refused by picture, with a reason.
     """
-    from eyechart.edits import BOXES, CUTS, EditSource, Moves, edit_photographs, read_annotations, usual_cut
+    from eyechart.edits import CUTS, EditSource, Moves, edit_photographs, usual_cut
 
-    require_known(f"--boxes '{boxes}'", boxes, BOXES)
     if cut is not None:
         require_known(f"--cut '{cut}'", cut, CUTS)
     moves = Moves(_span("near", near), _span("far", far), lane, eye, seed, shadow)
     if from_foot is not None and not 0 < from_foot < 1e9:
         raise SpecError(f"--from-foot is focal length times camera height in px·m, above 0; not {from_foot:g}")
-    annotations = read_annotations(photos, table, objects, boxes)
-    source = EditSource(photos, annotations, objects.parent, boxes, cut or usual_cut(), from_foot)
+    annotations = _annotations(photos, objects, table, form=format_, boxes=boxes)
+    cuts, finds = cut or usual_cut(), format_ != "table"
+    source = EditSource(photos, annotations, objects.parent, boxes, cuts, from_foot, finds_leads=finds)
     with progress("edit", "photographs") as move:
         record = edit_photographs(source, moves, out, move)
     following = import_command(out, near=moves.near, far=moves.far)
@@ -84,6 +88,21 @@ def edit(
         print_json({"out": str(out), **_without_digests(record), "next": following})
         return
     say(*words_of(record, out), f"then: {following}")
+
+
+def _annotations(photos: Path, objects: Path, table: Path | None, *, form: str, boxes: str) -> "Annotations":
+    """Return what two tables say, or objects in another form; raises SpecError for options that do not fit."""
+    from eyechart.edits import ANNOTATION_FORMATS, BOXES, read_annotations, read_format
+
+    require_known(f"--format '{form}'", form, ("table", *ANNOTATION_FORMATS))
+    require_known(f"--boxes '{boxes}'", boxes, BOXES)
+    if form != "table":
+        if boxes != BOXES[0]:
+            raise SpecError(f"--boxes is for the table of objects: --format {form} says itself what its boxes are")
+        return read_format(form, photos, objects, table)
+    if table is None:
+        raise SpecError("give --table, the table of the photographs with a row each, or the --format of the objects")
+    return read_annotations(photos, table, objects, boxes)
 
 
 def _span(name: str, text: str) -> "Span":

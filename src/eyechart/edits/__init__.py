@@ -8,9 +8,11 @@ from eyechart.edits.annotations import BOXES, Annotations, ObjectBox, Photo, rea
 from eyechart.edits.checks import EditLimits
 from eyechart.edits.controls import PICTURES, Moves
 from eyechart.edits.edit import METHOD, RECORD, TABLE, EditRecord, EditSource, edit_photographs
+from eyechart.edits.formats import ANNOTATION_FORMATS, read_format
 from eyechart.edits.masks import CUTS, usual_cut
 
 __all__ = [
+    "ANNOTATION_FORMATS",
     "BOXES",
     "CUTS",
     "METHOD",
@@ -26,5 +28,6 @@ __all__ = [
     "Photo",
     "edit_photographs",
     "read_annotations",
+    "read_format",
     "usual_cut",
 ]

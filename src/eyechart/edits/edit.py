@@ -1,8 +1,6 @@
 """Photographs become a folder with control pictures, a table for the import, a sheet and a record."""
 
-import csv
 import hashlib
-import io
 import json
 import re
 from collections import Counter
@@ -16,12 +14,14 @@ from eyechart import __version__
 from eyechart.edits import checks
 from eyechart.edits.annotations import BOXES, IGNORED, OTHER, OWN, Annotations, ObjectBox, Photo, in_pixels
 from eyechart.edits.controls import EVERY, PICTURES, Edit, Editor, Moves
+from eyechart.edits.formats import with_leads
 from eyechart.edits.geometry import Box, Mask, box_of
 from eyechart.edits.lines import Ground, Sight, Size, sights_of, with_distances
 from eyechart.edits.masks import BOX, PRICE, mask_of, usual_cut
 from eyechart.edits.scene import CopyPlace, Cutout, EditScene, with_shadow
 from eyechart.edits.sheet import Sheets
-from eyechart.errors import BankError, SourceError, counted
+from eyechart.edits.tables import as_tables, csv_of
+from eyechart.errors import BankError, SourceError, SpecError, counted
 from eyechart.frames import RGB, Draws, decode, draws_of, encode, read_bounded, require_plain, size_of, whole_folder
 from eyechart.importing.faults import Faults
 
@@ -100,7 +100,8 @@ class EditSource:
 
     ``boxes`` says what the numbers of a box are, and ``cut`` how an object without a mask is cut
     out. ``from_foot`` is focal length times camera height in px·m, for unknown distances.
-    ``beside`` is a further folder in which masks are sought.
+    ``beside`` is a further folder in which masks are sought. ``finds_leads`` says that no role is
+    annotated: what is nearest on the own way leads, and the tables of what was found are written.
     """
 
     folder: Path
@@ -109,6 +110,7 @@ class EditSource:
     boxes: str = BOXES[0]
     cut: str = field(default_factory=usual_cut)
     from_foot: float | None = None
+    finds_leads: bool = False
 
 
 def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Progress | None = None) -> EditRecord:
@@ -126,6 +128,8 @@ def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Prog
     if source.from_foot is not None:
         photos = with_distances(photos, source.from_foot)
     sights, grounds = sights_of(photos, sizes)
+    if source.finds_leads:
+        photos = [*with_leads(photos, sights, *_of_way(moves))]
     record = EditRecord(len(photos), _parameters(source, moves), grounds)
     draws = draws_of(moves.seed, moves.span, [one.file for one in photos])
     with whole_folder(out, SourceError) as work:
@@ -136,8 +140,17 @@ def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Prog
             rows += [] if row is None else [row]
             if progress is not None:
                 progress(number, len(photos))
+        if source.finds_leads:
+            work_on.write_tables(photos)
         work_on.finish(rows)
     return record
+
+
+def _of_way(moves: Moves) -> tuple[float, float]:
+    """Return the width of a way and the height of the camera, by which a lead is found."""
+    if moves.lane_m is None or moves.eye_m is None:
+        raise SpecError("no object has a role in this form: --lane and --eye say how wide the own way is")
+    return moves.lane_m, moves.eye_m
 
 
 def _sizes(source: EditSource) -> dict[str, Size]:
@@ -184,21 +197,24 @@ class _EditFolder:
 
     def __post_init__(self) -> None:
         self._sheets = Sheets(self.folder)
-        self._leads = 0
 
     def edit(self, photo: Photo, sight: Sight, draws: Draws) -> Row | None:
         """Write a photograph and its control pictures; return its row, None if it has no place."""
         stored = read_bounded(self.source.folder, photo.file)
         lead = photo.lead
+        unknown = ""
         if lead is not None and lead.distance_m is None:
-            self._refuse(photo, "real", "the distance of its lead is not known: give distance_m, or --from-foot K")
+            unknown = "the distance of its lead is not known: give distance_m, or --from-foot K"
+        elif lead is None and self.source.finds_leads and sight.lines is None:
+            unknown = sight.why
+        if unknown:  # an empty gap would say that nothing is ahead
+            self._refuse(photo, "real", unknown)
             return None
         self._write(f"{TAKEN}/{photo.file}", stored)
         gap = None if lead is None else lead.distance_m
         row: Row = {"file": f"{TAKEN}/{photo.file}", "gap": gap, **photo.cells}
         if lead is None:
             return row
-        self._leads += 1
         pixels = decode(stored, photo.file)
         scene, reasons = self._scene(photo, lead, pixels, sight)
         made = Edit() if reasons or scene is None else Editor(scene, photo, self.moves, draws, sight.fit).edit()
@@ -263,12 +279,17 @@ class _EditFolder:
         place.write_bytes(content)
         self.record.digests[file] = hashlib.sha256(content).hexdigest()
 
+    def write_tables(self, photos: Sequence[Photo]) -> None:
+        """Write what was found as two tables, which may be corrected and given in its place."""
+        for file, content in as_tables(photos, self.source.annotations.columns).items():
+            self._write(file, content)
+
     def finish(self, rows: Sequence[Row]) -> None:
         """Write table, sheet and record; raises SourceError if no control picture was made."""
         record = self.record
         if not record.pictures:
             few = [f"{why} ({counted(count, 'time')})" for why, count in [*record.by_reason().items()][:8]]
-            said = "no photograph has an object with the role lead" if not self._leads else "; ".join(few)
+            said = "; ".join(few) or "no photograph has an object with the role lead"
             raise SourceError(f"no control picture could be made, and nothing was written: {said}")
         if record.masks[BOX]:
             record.notes.append(f"{counted(record.masks[BOX], 'object', 'are')} {PRICE}")
@@ -277,7 +298,7 @@ class _EditFolder:
             for one in record.grounds
             if one.unchecked
         ]
-        self._write(TABLE, _as_csv(rows, self.source.annotations.columns).encode())
+        self._write(TABLE, csv_of(rows, ("file", "gap", *self.source.annotations.columns, *PICTURES, *_DISTANCES)))
         for file in self._sheets.finish():
             record.digests[file.name] = hashlib.sha256(file.read_bytes()).hexdigest()
         text = json.dumps(record.as_dict(), indent=1, ensure_ascii=False)
@@ -303,12 +324,3 @@ def _union(masks: Sequence[Mask], empty: Mask) -> Mask:
 
 def _without(one: Cutout, mask: Mask) -> Cutout:
     return Cutout(one.mask & ~mask, one.box, one.distance_m, one.where)
-
-
-def _as_csv(rows: Sequence[Row], kept: Sequence[str]) -> str:
-    columns = ("file", "gap", *kept, *PICTURES, *_DISTANCES)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({name: "" if cell is None else cell for name, cell in row.items()} for row in rows)
-    return text.getvalue()
