@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -183,3 +184,44 @@ def test_a_picture_that_programs_show_unlike_is_refused_with_its_row(brought: Pa
     said = str(edit(brought, tmp_path / "out", table="grey.csv", objects="nothing.csv").exception)
     assert said.startswith("grey.csv, row 1: 'grey.png' is grey; save it as red, green and blue")
     assert "its boxes must be those of the picture as saved" in said
+
+
+def look(folder: Path, *words: str) -> Result:
+    """Run a look on a folder's photographs and objects."""
+    tables = ("--table", str(folder / "photos.csv"), "--objects", str(folder / "objects.csv"))
+    given = ["look", "scripted:presence", "--photos", str(folder / "photos"), *tables, *words]
+    return CliRunner().invoke(app, given)
+
+
+def test_a_look_stops_at_the_sheet_and_says_how_to_go_on(
+    brought: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No call is made before a person looked; the command that goes on asks the edited bank."""
+    monkeypatch.chdir(tmp_path)
+    words = (*NEAR_FAR, "--lane", "2", "--eye", "1.2", "--json")
+    first = look(brought, *words)
+    assert first.exit_code == 2, first.exception
+    said = json.loads(first.stdout)
+    assert said["answer"] == "Inconclusive"
+    assert said["because"].startswith("No call was made yet. First look at looks/scripted-presence/edited/sheet.png")
+    assert (tmp_path / "looks/scripted-presence/edited/sheet.png").is_file()
+    assert not (tmp_path / "looks/scripted-presence/run").exists()
+    again = look(brought, *words)
+    (command,) = said["next"]
+    assert f"was edited already: look at {tmp_path}/looks/scripted-presence/edited/sheet.png" in str(again.exception)
+    done = CliRunner().invoke(app, shlex.split(command)[1:])
+    assert done.exit_code in {0, 1, 2}, done.exception
+    assert (tmp_path / "looks/scripted-presence/run").is_dir()
+    bank = open_bank(tmp_path / "looks/scripted-presence/bank")
+    assert bank.manifest.gap is not None
+    assert bank.manifest.gap.threshold == 8.9
+    assert any("lead_drawn" in one.counterfactuals for one in bank)
+
+
+def test_options_of_an_edit_belong_together_in_a_look(brought: Path) -> None:
+    """Each lacking one is named."""
+    assert "give --near and --far" in str(look(brought, "--near", "5:9").exception)
+    alone = CliRunner().invoke(app, ["look", "scripted:presence", "--near", "5:9"])
+    assert "are for photographs that are edited: give --objects too" in str(alone.exception)
+    lost = CliRunner().invoke(app, ["look", "scripted:presence", "--objects", "x.csv", *NEAR_FAR])
+    assert "--objects belongs to --photos FOLDER and --table FILE" in str(lost.exception)

@@ -1,8 +1,10 @@
 """``eyechart frames edit``: control pictures made from annotated photographs."""
 
+import math
 import shlex
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,8 +13,9 @@ from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, counted, require_known
 
 if TYPE_CHECKING:
-    from eyechart.edits import Annotations, EditRecord
+    from eyechart.edits import Annotations, EditRecord, Moves
     from eyechart.frames import Span
+    from eyechart.looks import Look, LookRequest
 
 _SHOWN = 12
 """Reasons are printed up to this number; edit.json has every one."""
@@ -71,11 +74,11 @@ def edit(
     beside. Look at sheet.png before anything is asked: it is for you to say whether these are
     pictures of a road. What cannot be edited well is refused by picture, with a reason.
     """
-    from eyechart.edits import CUTS, EditSource, Moves, edit_photographs, usual_cut
+    from eyechart.edits import CUTS, EditSource, edit_photographs, usual_cut
 
     if cut is not None:
         require_known(f"--cut '{cut}'", cut, CUTS)
-    moves = Moves(_span("near", near), _span("far", far), lane, eye, seed, shadow)
+    moves = moves_of(near, far, lane, eye, seed=seed, shadow=shadow)
     if from_foot is not None and not 0 < from_foot < 1e9:
         raise SpecError(f"--from-foot is focal length times camera height in px·m, above 0; not {from_foot:g}")
     annotations = _annotations(photos, objects, table, form=format_, boxes=boxes)
@@ -83,11 +86,52 @@ def edit(
     source = EditSource(photos, annotations, objects.parent, boxes, cuts, from_foot, finds_leads=finds)
     with progress("edit", "photographs") as move:
         record = edit_photographs(source, moves, out, move)
-    following = import_command(out, near=moves.near, far=moves.far)
+    following = import_command(out, _between(moves))
     if json:
         print_json({"out": str(out), **_without_digests(record), "next": following})
         return
     say(*words_of(record, out), f"then: {following}")
+
+
+def moves_of(
+    near: str | None,
+    far: str | None,
+    lane: float | None,
+    eye: float | None,
+    **more: Any,  # noqa: ANN401 - of Moves
+) -> "Moves":
+    """Return where copies are put; raises SpecError without the two ranges."""
+    from eyechart.edits import Moves
+
+    if near is None or far is None:
+        raise SpecError("give --near and --far, the ranges of the lead's distances in metres, as 5:9 and 40:60")
+    return Moves(_span("near", near), _span("far", far), lane, eye, **more)
+
+
+def look_at_sheet(wanted: "LookRequest", objects: Path, moves: "Moves") -> "Look":
+    """Edit a look's photographs into its folder, and return the answer that stops at the sheet."""
+    from eyechart.edits import EditSource, edit_photographs, read_annotations
+    from eyechart.looks import Look, NextStep
+
+    photos, table, out = wanted.pictures.photos, wanted.pictures.table, wanted.out / "edited"
+    if photos is None or table is None:
+        raise SpecError("--objects belongs to --photos FOLDER and --table FILE: they say what these objects are in")
+    threshold = wanted.pictures.threshold or _between(moves)
+    brought = replace(wanted.pictures, photos=out, table=out / "table.csv", threshold=threshold, unit="m")
+    step = NextStep("go on, if these are pictures of a road", replace(wanted, pictures=brought).command())
+    if out.exists():
+        raise SpecError(f"{out} was edited already: look at {out / 'sheet.png'}, then '{step.command}'")
+    source = EditSource(photos, read_annotations(photos, table, objects), objects.parent)
+    with progress("edit", "photographs") as move:
+        record = edit_photographs(source, moves, out, move)
+    say(*words_of(record, out))
+    because = f"No call was made yet. First look at {out / 'sheet.png'}: are these pictures of a road?"
+    return Look(wanted.spec, "Inconclusive", because, next=(step,))
+
+
+def _between(moves: "Moves") -> float:
+    """Return a distance between near and far, below which a lead is near."""
+    return round(math.sqrt(moves.near[1] * moves.far[0]), 1)
 
 
 def _annotations(photos: Path, objects: Path, table: Path | None, *, form: str, boxes: str) -> "Annotations":
@@ -118,9 +162,8 @@ def _without_digests(record: "EditRecord") -> dict[str, object]:
     return {name: value for name, value in record.as_dict().items() if name != "digests"}
 
 
-def import_command(out: Path, *, near: "Span", far: "Span") -> str:
-    """Return the command that makes a bank of an edited folder; near ends between the ranges."""
-    threshold = round((near[1] * far[0]) ** 0.5, 1)
+def import_command(out: Path, threshold: float) -> str:
+    """Return the command that makes a bank of an edited folder."""
     words = [
         "eyechart",
         "frames",
