@@ -12,14 +12,12 @@ import numpy as np
 
 from eyechart.edits.annotations import IGNORED, LEAD, OTHER, OWN, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box, Mask
-from eyechart.errors import SourceError, raising, read_at_most
+from eyechart.edits.numbers import read_document
+from eyechart.errors import SourceError
 from eyechart.frames import MAX_PIXELS
 from eyechart.importing.faults import Faults
 from eyechart.importing.photographs import Photographs
-from eyechart.records import parse_json
 
-MOST_BYTES = 500_000_000
-_CROWD = "iscrowd"
 _Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 
 
@@ -58,9 +56,7 @@ class _Set(msgspec.Struct):
 
 def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     """Read a JSON file; a category or a role called ``lead`` or ``own`` says so of its objects."""
-    text = read_at_most(objects, MOST_BYTES, SourceError, "annotations")
-    with raising(SourceError, f"{objects} is no COCO file", of=(ValueError, msgspec.ValidationError)):
-        found = msgspec.convert(parse_json(text), _Set)
+    found = read_document(objects, _Set, "COCO file")
     names = {one.id: one.name.strip().lower() for one in found.categories}
     pictures, things = Photographs(folder, objects.parent), defaultdict[int | str, list[ObjectBox]](list)
     for one in found.annotations:

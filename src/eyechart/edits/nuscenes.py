@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from eyechart.edits.annotations import OTHER, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box
-from eyechart.errors import SourceError, raising, read_at_most
+from eyechart.edits.numbers import read_document
+from eyechart.errors import SourceError, raising
 from eyechart.importing.cells import Cell
 from eyechart.importing.faults import Faults
 from eyechart.importing.photographs import Photographs
-from eyechart.records import parse_json
 
-MOST_BYTES = 2_000_000_000
 CHANNEL = "CAM_FRONT"
 _LEAST_DEPTH_M = 0.5
 _OCCLUDED = {"4": 0.0, "3": 1.0}
@@ -111,10 +110,7 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
 
 def _table(folder: Path, name: str, kind: type[T]) -> dict[str, T]:
     """Return a table's rows by their token."""
-    path = folder / f"{name}.json"
-    text = read_at_most(path, MOST_BYTES, SourceError, "a table of nuScenes")
-    with raising(SourceError, f"{path} is no table of nuScenes", of=(ValueError, msgspec.ValidationError)):
-        rows: list[Any] = msgspec.convert(parse_json(text), list[kind])  # type: ignore[valid-type]
+    rows: list[Any] = read_document(folder / f"{name}.json", list[kind], "table of nuScenes")  # type: ignore[valid-type]
     return {row.token: row for row in rows}
 
 
