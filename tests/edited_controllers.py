@@ -140,5 +140,8 @@ CONTROLLERS = (
     *("depth", "noisy", "two_levels", "early", "nearest", "count", "height", "foot", "any_lead", "colour"),
     *("before", "paint", "blind", "presence", "hole"),
 )
-READERS = ("depth", "noisy", "two_levels", "early")
-"""Those that follow the lead's distance and nothing else."""
+READERS = ("depth", "two_levels", "early")
+"""Those that follow the lead's distance and nothing else, and draw nothing.
+
+``noisy`` draws anew in every run, so two runs on one small bank may give it two labels.
+"""
