@@ -148,7 +148,7 @@ def test_two_photographs_must_not_share_the_name_of_a_picture(brought: Path, tmp
     (brought / "two.csv").write_text("file\ntwo.jpg\ntwo.jpg.png\n")
     (brought / "none.csv").write_text("file,role,x0,y0,x1,y1,distance_m\n")
     said = str(edit(brought, tmp_path / "out", table="two.csv", objects="none.csv").exception)
-    assert said.startswith("two.csv, row 1: 'two.jpg' and 'two.jpg.png' would have control pictures of one name")
+    assert said.startswith("two.csv, row 1: 'two.jpg' and 'two.jpg.png' would have pictures of one name; rename one")
 
 
 def test_what_cannot_be_edited_at_all_leaves_nothing(brought: Path, tmp_path: Path) -> None:
