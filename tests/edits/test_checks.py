@@ -143,7 +143,7 @@ def test_the_near_copy_stands_beside_at_the_same_distance_in_a_straight_line(tmp
 
 def test_a_copy_that_would_be_too_large_or_under_the_own_vehicle_is_not_made(tmp_path: Path) -> None:
     """A far lead is not brought near; a foot that the bonnet hides is not one."""
-    drawn = Drawn("a.png", (LEAD,))
+    drawn = Drawn("a.png", ((7.0, 0.0, RED),))
     drawn_roads.write_pictures(tmp_path / "photos", [drawn])
     hooded = with_thing(ObjectBox("own", Box(0, 106, 200, 150), None))(photo_of(drawn))
     for near, photo, reason in (
