@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli import edit as edits
 from eyechart.cli.options import Json, Model, expanded, read_places
 from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, counted, suggestion
@@ -259,6 +260,9 @@ def import_(
         bank = source.importer()(folder, out=out, choices=choices, reads=move, progress=move, **options)
     say(f"{counted(len(bank), 'frame')} in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
     say(*taken(bank), *costs(bank))
+
+
+app.command(epilog=edits.EPILOG)(edits.edit)
 
 
 @app.command(epilog="Example: eyechart frames check bank")
