@@ -89,6 +89,7 @@ class Clause:
     ``but`` says what it means that it does not hold, ``unasked`` that it was not tested, ``needs``
     what would make it hold. The p of a ``family`` are corrected together. ``untested`` is what a
     rule takes it for where it was not tested; ``conditions`` are the pictures that would test it.
+    ``when`` names a fact: where a run has none of this name, it holds.
     """
 
     statistic: str
@@ -99,6 +100,7 @@ class Clause:
     family: tuple[str, ...] = ()
     untested: bool | None = None
     conditions: tuple[str, ...] = ()
+    when: str = ""
 
     def read(self, found: NamedStatistics) -> Statistic:
         """Return its statistic, with the p that it reads."""
@@ -110,6 +112,8 @@ class Clause:
 
     def outcome(self, found: NamedStatistics) -> bool | None:
         """Return whether it holds, None where it was not tested."""
+        if self.when and self.when not in found:
+            return True
         one = self.read(found)
         said = {reading.of(one) for reading in self.readings}
         return True if True in said else None if None in said else False
