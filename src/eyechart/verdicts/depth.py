@@ -231,6 +231,11 @@ def is_drawn(found: NamedStatistics) -> bool:
     return "sensitivity" in found and found["sensitivity"].n > 0
 
 
+def is_edited(found: NamedStatistics) -> bool:
+    """Return whether the control pictures of a run are edited photographs."""
+    return PATCHED_BOUND.when in found
+
+
 def is_refuted(found: NamedStatistics) -> bool:
     """Return whether a model brakes harder for the nearer lead, and not by distance."""
     return MOVED.holds(found) is True and any(clause.holds(found) is False for clause in REFUTING)

@@ -110,9 +110,13 @@ class Clause:
         corrected = holm([found[name].p for name in self.family])
         return replace(one, p=dict(zip(self.family, corrected, strict=True))[self.statistic])
 
+    def applies(self, found: NamedStatistics) -> bool:
+        """Return whether a run has the fact that it depends on."""
+        return not self.when or self.when in found
+
     def outcome(self, found: NamedStatistics) -> bool | None:
         """Return whether it holds, None where it was not tested."""
-        if self.when and self.when not in found:
+        if not self.applies(found):
             return True
         one = self.read(found)
         said = {reading.of(one) for reading in self.readings}
@@ -120,7 +124,7 @@ class Clause:
 
     def is_settled(self, found: NamedStatistics) -> bool:
         """Return whether it holds of an e-value."""
-        return isinstance(found[self.statistic], EValue) and self.outcome(found) is True
+        return self.applies(found) and isinstance(found[self.statistic], EValue) and self.outcome(found) is True
 
     def holds(self, found: NamedStatistics) -> bool | None:
         """Return the outcome as a rule takes it."""

@@ -46,6 +46,8 @@ LANES = (("ego_lane", "lanes"), ("track",))
 
 DEPTH_TESTS = ("depth_interventional", "depth_net", "lane_net", "unparsed_controls")
 """Further tests for depth, on moved pictures."""
+OF_PICTURES = ("photographed", "patched_excess", "patched_bound", "depth_observational")
+"""What depth reads besides of banks whose control pictures are not rendered."""
 TURN_TESTS = ("turns_clear", "turns_clear_within", "turns_against", "turns_boxed")
 
 Floats = NDArray[np.float64]
