@@ -195,4 +195,3 @@ def _manifest(before: BankManifest, preset: Preset, how: BankOrigin, added: _Add
         strata={frame.id: frame.strata for frame in added.frames if frame.strata},
         added={name: column for name, column in columns.items() if column},
     )
-

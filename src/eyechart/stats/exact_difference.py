@@ -1,15 +1,12 @@
-"""An exact upper bound of a paired difference of proportions, whatever share of pairs differs."""
+"""Exact bounds of a paired difference of proportions, whatever share of pairs differs."""
 
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.stats.paired_tests import DiscordantPairs, paired_difference_from_counts
-from eyechart.stats.statistic import Statistic
-
 EXACT_UP_TO = 200
-"""The most pairs whose outcomes are enumerated; beyond it Tango's score interval is used."""
+"""The most pairs whose outcomes are enumerated."""
 
 _SHARES = 60
 """So many shares of differing pairs are tried; the least favourable one counts."""
@@ -20,21 +17,17 @@ _FEW = 12
 Floats = NDArray[np.float64]
 
 
-def exact_difference(b: int, c: int, n: int, *, alpha: float = 0.01) -> Statistic:
-    """Return the paired difference (b - c)/n with exact one-sided bounds at ``alpha``.
+def exact_bounds(b: int, c: int, n: int, *, alpha: float = 0.01) -> tuple[float, float] | None:
+    """Return exact one-sided bounds at ``alpha`` of the paired difference (b - c)/n.
 
-    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. Each end of
-    ``ci`` is a one-sided bound, so that the interval is two-sided at 1 - 2 alpha. Without a
-    discordant pair the upper end is 1 - alpha^(1/n). Beyond `EXACT_UP_TO` pairs, and without any,
-    it is `paired_difference_from_counts`. Raises ValueError as that does. Source: Chan and Zhang
-    (1999), with outcomes ordered by their estimated p (Lloyd 2008).
+    ``b`` pairs have only the first outcome, ``c`` only the second, of ``n`` pairs. Without a
+    discordant pair the upper bound is 1 - alpha^(1/n). None without pairs, and with more than
+    `EXACT_UP_TO`. Raises ValueError if the counts do not fit. Source: Chan and Zhang (1999), with
+    outcomes ordered by their estimated p (Lloyd 2008).
     """
-    statistic = paired_difference_from_counts(b, c, n, level=1 - 2 * alpha)
-    if not 0 < n <= EXACT_UP_TO:
-        return statistic
-    ci = -_upper(c, b, n, alpha), _upper(b, c, n, alpha)
-    method = f"paired difference of proportions, {100 * (1 - 2 * alpha):g}% exact unconditional interval"
-    return DiscordantPairs(statistic.value, n, ci, method=method, level=1 - 2 * alpha, b=b, c=c)
+    if b < 0 or c < 0 or b + c > n:
+        raise ValueError(f"b={b} and c={c} discordant pairs do not fit into n={n} pairs")
+    return (-_upper(c, b, n, alpha), _upper(b, c, n, alpha)) if 0 < n <= EXACT_UP_TO else None
 
 
 @lru_cache(maxsize=256)

@@ -10,10 +10,17 @@ from numpy.typing import NDArray
 from eyechart.conditions import FURTHER, OLDER
 from eyechart.frames import PATCHED
 from eyechart.stats.agreement import rate
-from eyechart.stats.exact_difference import exact_difference
+from eyechart.stats.exact_difference import exact_bounds
 from eyechart.stats.jackknife import excess_over_half
 from eyechart.stats.order import order_violation_p
-from eyechart.stats.paired_tests import BoxedTurns, ChangedPairs, net_effect, sign_test, stratified_association
+from eyechart.stats.paired_tests import (
+    BoxedTurns,
+    ChangedPairs,
+    net_effect,
+    paired_difference_from_counts,
+    sign_test,
+    stratified_association,
+)
 from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.evidence import NEAR_FAR
@@ -111,7 +118,9 @@ class ControlStatistics:
         if not len(edited):
             return not_available(NO_PATCHED)
         test = sign_test(edited, again)
-        bound = exact_difference(test.wins, test.losses, len(edited), alpha=ALPHA)
+        bound = paired_difference_from_counts(test.wins, test.losses, len(edited), level=LEVEL)
+        if (exact := exact_bounds(test.wins, test.losses, len(edited), alpha=ALPHA)) is not None:
+            bound = replace(bound, ci=exact, method="paired difference of proportions, exact bounds")
         return replace(bound, method=f"decision changed by the edit alone, less by a repeat: {bound.method}")
 
     def _level(self, condition: str) -> Floats:

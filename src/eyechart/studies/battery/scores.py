@@ -200,7 +200,8 @@ def _made_in_words(bank: FrameBank) -> Iterator[str]:
     counts = ", ".join(f"{name} {sum(name in frame.counterfactuals for frame in bank)}" for name in MOVED)
     how, refused = edit.get("method"), edit.get("refused")
     left = f"; {sum(refused.values())} pictures were refused, see edit.json" if isinstance(refused, dict) else ""
-    yield f"Its control pictures were made by editing{f' ({how})' if how else ''}: {counts} of {len(bank)} frames{left}."
+    by = f" ({how})" if how else ""
+    yield f"Its control pictures were made by editing{by}: {counts} of {len(bank)} frames{left}."
     yield "Cut-outs were moved, not things: light, haze, reflections or the face that is seen may play a part."
 
 
