@@ -1,11 +1,11 @@
 """Moments of the forward worlds as an annotator would write them down, and their rendered truth."""
 
 import csv
+import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from PIL import Image
 
 import eyechart.simulators.drone as drones
 import eyechart.simulators.rover as rovers
+from eyechart.edits import EditLimits, EditSource, Moves, edit_photographs, read_annotations
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward
 from eyechart.seeds import key_seed
@@ -180,6 +181,74 @@ def write(folder: Path, found: tuple[Moment, ...], *, horizon: bool = True) -> t
     return folder / "photos", photos, objects
 
 
-def first(found: Iterator[Moment], count: int) -> tuple[Moment, ...]:
-    """Return the first moments."""
-    return tuple(islice(found, count))
+LIMITS = EditLimits(least_px=5, above=0.6)
+"""The worlds are plain: a small cut-out and the sky behind one lose nothing."""
+
+LEADS = {"lead_near": "lead_near_m", "lead_far": "lead_far_m", "lead_drawn": "lead_drawn_m"}
+EXCHANGES = ("exchange_own", "exchange_beside", "exchange_apart")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """An edited folder, the rendered one with equal cells, and the moments by file."""
+
+    edited: Path
+    rendered: Path
+    moments: dict[str, Moment]
+
+    @property
+    def tables(self) -> tuple[Path, Path]:
+        """Return the table of the edited and of the rendered folder."""
+        return self.edited / "table.csv", self.rendered.with_suffix(".csv")
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return the rows of the edited table."""
+        with self.tables[0].open() as file:
+            return list(csv.DictReader(file))
+
+    def moment(self, row: dict[str, str]) -> Moment:
+        """Return a row's moment."""
+        return self.moments[row["file"].removeprefix("taken/")]
+
+
+def pixels(path: Path) -> RGB:
+    """Return a picture's pixels."""
+    return np.asarray(Image.open(path).convert("RGB"))
+
+
+def rendered_of(moment: Moment, name: str, copies: Sequence[dict[str, float]]) -> RGB | None:
+    """Return the rendered picture of what an edit made; None where the world has no room."""
+    if name == "lead_absent":
+        return moment.rendered(None)
+    if name in {"patched", "file"}:
+        return moment.picture
+    if name in LEADS:
+        return moment.rendered(copies[0]["distance_m"])
+    one, other = ((copy["distance_m"], copy["left_m"]) for copy in copies)
+    return moment.exchanged(one, other)
+
+
+def write_pair(folder: Path, found: tuple[Moment, ...]) -> Pair:
+    """Write moments edited, and rendered with the lead at the same places, with equal tables."""
+    photos, table, objects = write(folder, found)
+    source = EditSource(photos, read_annotations(photos, table, objects), folder)
+    moves = Moves((2.6, 4.4), (18, 27), LANE_M, found[0].world.view.eye_m, limits=LIMITS)
+    edit_photographs(source, moves, folder / "edited")
+    pair = Pair(folder / "edited", folder / "rendered", {one.file: one for one in found})
+    copies = json.loads((folder / "edited" / "edit.json").read_text())["copies"]
+    rows = pair.rows()
+    for row in rows:
+        moment = pair.moment(row)
+        for name in ("file", *LEADS, *EXCHANGES, "lead_absent", "patched"):
+            if row[name]:
+                drawn = rendered_of(moment, name, copies.get(moment.file, {}).get(name, ()))
+                if drawn is None:
+                    row[name] = ""
+                    continue
+                (pair.rendered / row[name]).parent.mkdir(parents=True, exist_ok=True)
+                Image.fromarray(drawn).save(pair.rendered / row[name], compress_level=1)
+    with pair.tables[1].open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return pair

@@ -140,6 +140,17 @@ def test_an_output_that_exists_is_not_touched(brought: Path, tmp_path: Path) -> 
     assert [one.name for one in tmp_path.iterdir()] == ["kept.txt"]
 
 
+def test_two_photographs_must_not_share_the_name_of_a_picture(brought: Path, tmp_path: Path) -> None:
+    """Control pictures are PNGs, named for their photograph."""
+    (brought / "photos" / "two.jpg.png").write_bytes((brought / "photos" / "empty.png").read_bytes())
+    with Image.open(brought / "photos" / "empty.png") as picture:
+        picture.save(brought / "photos" / "two.jpg")
+    (brought / "two.csv").write_text("file\ntwo.jpg\ntwo.jpg.png\n")
+    (brought / "none.csv").write_text("file,role,x0,y0,x1,y1,distance_m\n")
+    said = str(edit(brought, tmp_path / "out", table="two.csv", objects="none.csv").exception)
+    assert said.startswith("two.csv, row 1: 'two.jpg' and 'two.jpg.png' would have pictures of one name; rename one")
+
+
 def test_what_cannot_be_edited_at_all_leaves_nothing(brought: Path, tmp_path: Path) -> None:
     """The reasons are counted, and no table without a control picture is written."""
     text = (brought / "objects.csv").read_text().replace(",lead,", ",,")

@@ -1,96 +1,26 @@
 """Edited against rendered: the same moments, once with copies in photographs, once drawn anew."""
 
-import csv
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import edited_controllers
 import edited_worlds
-from edited_worlds import Moment
-from eyechart.edits import EditLimits, EditSource, Moves, edit_photographs, read_annotations
-from eyechart.frames import RGB, open_bank
+from edited_worlds import EXCHANGES, LEADS, Pair, pixels
+from eyechart.frames import open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.studies import battery
 from eyechart.verdicts import judge
 
 CONTROLLERS = ("depth", "two_levels", "nearest", "any_lead", "colour")
-LIMITS = EditLimits(least_px=5, above=0.6)
-"""The worlds are plain: a small cut-out and the sky behind one lose nothing."""
-
-LEADS = {"lead_near": "lead_near_m", "lead_far": "lead_far_m", "lead_drawn": "lead_drawn_m"}
-EXCHANGES = ("exchange_own", "exchange_beside", "exchange_apart")
-
-
-@dataclass(frozen=True)
-class Pair:
-    """An edited folder, the rendered one with equal cells, and the moments by file."""
-
-    edited: Path
-    rendered: Path
-    moments: dict[str, Moment]
-
-    def rows(self) -> list[dict[str, str]]:
-        """Return the rows of the edited table."""
-        with (self.edited / "table.csv").open() as file:
-            return list(csv.DictReader(file))
-
-    def moment(self, row: dict[str, str]) -> Moment:
-        """Return a row's moment."""
-        return self.moments[row["file"].removeprefix("taken/")]
-
-
-def pixels(path: Path) -> RGB:
-    """Return a picture's pixels."""
-    return np.asarray(Image.open(path).convert("RGB"))
-
-
-def rendered_of(moment: Moment, name: str, copies: Sequence[dict[str, float]]) -> RGB | None:
-    """Return the rendered picture of what an edit made; None where the world has no room."""
-    if name == "lead_absent":
-        return moment.rendered(None)
-    if name == "patched":
-        return moment.picture
-    if name in LEADS:
-        return moment.rendered(copies[0]["distance_m"])
-    one, other = ((copy["distance_m"], copy["left_m"]) for copy in copies)
-    return moment.exchanged(one, other)
 
 
 @pytest.fixture(scope="module", params=["rover", "drone"])
 def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Pair:
     """Return 36 moments of a world, edited and rendered at the same places."""
     folder = tmp_path_factory.mktemp(request.param)
-    found = edited_worlds.moments(request.param, 36)
-    photos, table, objects = edited_worlds.write(folder, found)
-    source = EditSource(photos, read_annotations(photos, table, objects), folder)
-    moves = Moves((2.6, 4.4), (18, 27), edited_worlds.LANE_M, found[0].world.view.eye_m, limits=LIMITS)
-    edit_photographs(source, moves, folder / "edited")
-    pair = Pair(folder / "edited", folder / "rendered", {one.file: one for one in found})
-    copies = json.loads((folder / "edited" / "edit.json").read_text())["copies"]
-    with (folder / "rendered.csv").open("w", newline="") as file:
-        rows = pair.rows()
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        for row in rows:
-            moment = pair.moment(row)
-            kept = dict(row)
-            for name in (*LEADS, *EXCHANGES, "lead_absent", "patched", "file"):
-                if not row[name]:
-                    continue
-                drawn = moment.picture if name == "file" else rendered_of(moment, name, copies[moment.file].get(name))
-                if drawn is None:
-                    kept[name] = ""
-                    continue
-                (pair.rendered / row[name]).parent.mkdir(parents=True, exist_ok=True)
-                Image.fromarray(drawn).save(pair.rendered / row[name], compress_level=1)
-            writer.writerow(kept)
-    return pair
+    return edited_worlds.write_pair(folder, edited_worlds.moments(request.param, 36))
 
 
 def test_an_edited_lead_is_where_it_is_said_to_be(pair: Pair) -> None:
@@ -154,7 +84,7 @@ def test_five_controllers_get_the_label_of_the_rendered_bank(pair: Pair, tmp_pat
     """And the graded reader gives the same answer to 98 % of the pictures."""
     choices = Choices(threshold=8.0, unit="m", mirror="horizontal")
     labels, answers = [], []
-    for folder, table in ((pair.edited, pair.edited / "table.csv"), (pair.rendered, pair.rendered.with_suffix(".csv"))):
+    for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True):
         bank = import_table(folder, table, tmp_path / folder.name, choices)
         specs = [f"python:edited_controllers:{name}" for name in CONTROLLERS]
         planned = battery.plan(bank.root, specs, tmp_path / f"run {folder.name}")

@@ -86,6 +86,9 @@ class _PolicyOptions(TypedDict, total=False):
     max_calls: int | None
     again: bool
     accept_loss: bool
+    engine: str
+    workers: int
+    gpus: float
 
 
 @speaks_of_arguments
@@ -110,7 +113,8 @@ def run_policies(
     (4). ``shapley`` asks about every subset of the channels. ``conditions`` (default: all that the
     bank can show), ``seed`` and ``timeout_s`` (for an answer) are those of
     `eyechart.studies.policy.plan`. The run stops at ``max_calls``. ``again`` retries calls that
-    failed in transport. ``accept_loss`` continues although the ledger lost finished calls.
+    failed in transport. With ``engine="ray"``, so many ``workers`` of the cluster of RAY_ADDRESS
+    hold each policy, and each claims ``gpus``. ``accept_loss`` continues although the ledger lost finished calls.
     ``progress`` gets (calls done, total).
 
     Raises BankError, SpecError or LedgerError as ``plan`` does.
@@ -139,7 +143,15 @@ def run_policies(
         timeout_s=timeout_s,
     )
     most = None if most is None else whole_number("max_calls", most, 1)
-    allowed = RunAllowance(read_prices(), max_calls=most, concurrency=1, again=asking.get("again", False))
+    allowed = RunAllowance(
+        read_prices(),
+        max_calls=most,
+        concurrency=1,
+        again=asking.get("again", False),
+        engine=asking.get("engine", "local"),
+        workers=whole_number("workers", asking.get("workers", 1), 1),
+        gpus=asking.get("gpus", 0.0),
+    )
     outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
         warnings.warn(f"{spec} was set aside, and is judged by its answers before that: {why}", stacklevel=3)

@@ -6,13 +6,14 @@ Results of these settings: docs/decisions/policies.md.
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.clusters import Workers
 from eyechart.errors import SpecError
-from eyechart.processes import open_pool
 from eyechart.records import JsonRecord
 from eyechart.report.table import Column, Table
 from eyechart.seeds import key_seed
@@ -96,7 +97,8 @@ def _at_most(bound: float) -> Callable[[float], bool]:
     return lambda share: share <= bound
 
 
-_USES = ("camera_content", "pose_only", "camera_presence")
+_APART = ("camera_content", "pose_only")
+_USES = (*_APART, "uses_camera", "camera_presence")
 FALSE: Mapping[str, Mapping[str, Callable[[float], bool]]] = {
     "swap": {
         "ignores_camera": _at_least(0.10),
@@ -223,12 +225,13 @@ def try_rules(
     processes: int = 1,
     chosen: Sequence[str] | None = None,
     exact: bool = False,
+    engine: str = "local",
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[LabelCounts]:
     """Yield the results of the rules in every setting, or in those named by ``chosen``.
 
     ``chosen`` holds parts of names, or whole names if ``exact``. The result does not depend on
-    ``processes``. Raises SpecError if no setting matches.
+    ``processes`` or ``engine``. Raises SpecError if no setting matches.
     """
     every = list(settings())
     named = [one.name for one in every]
@@ -238,17 +241,28 @@ def try_rules(
         names = ", ".join(chosen or ())
         raise SpecError(f"no setting of policies matches {names}; the first of {len(named)} is {named[0]!r}")
     parts = [(start, min(_BATCH, draws - start)) for start in range(0, draws, _BATCH)]
-    with open_pool(processes) as pool:
+    batches = [_Batch(setting, seed, *part) for setting in every for part in parts]
+    with Workers(processes, engine).mapped(_counted, batches) as found:
         for place, setting in enumerate(every):
             labels: Counter[str] = Counter()
-            for counted in pool.map(partial(_batch, setting, seed), *zip(*parts, strict=True)):
+            for counted in islice(found, len(parts)):
                 labels.update(counted)
             if progress is not None:
                 progress(place + 1, len(every))
             yield LabelCounts(setting, dict(labels), draws)
 
 
-def _batch(setting: PolicySetting, seed: int, start: int, count: int) -> Counter[str]:
+class _Batch(NamedTuple):
+    """So many draws of a setting, from ``start`` on."""
+
+    setting: PolicySetting
+    seed: int
+    start: int
+    draws: int
+
+
+def _counted(batch: _Batch) -> Counter[str]:
+    setting, seed, start, count = batch
     result: Counter[str] = Counter()
     for number in range(start, start + count):
         result.update(labels_of(setting, np.random.default_rng(key_seed("policies", seed, setting.name, number))))
@@ -433,9 +447,9 @@ class PolicyPower(JsonRecord):
 
     ``calls`` are those of a policy that repeats its answers. ``said`` has ``same`` (such a policy,
     or one with a seed) and ``drawn`` (noise of a quarter of the variance, four answers). Each maps
-    shares to how often the camera is called ignored, and used, out of ``draws`` data sets.
-    ``matched`` counts the frames with a match at a similar state: without them no camera is called
-    used.
+    shares to how often the camera is called ignored, and used, out of ``draws`` data sets; ``apart``
+    likewise to how often what it is used for is told from the pose. ``matched`` counts the frames
+    with a match at a similar state: without them that is open.
     """
 
     episodes: int
@@ -443,13 +457,14 @@ class PolicyPower(JsonRecord):
     calls: int
     left_out: Mapping[str, str]
     said: Mapping[str, Mapping[str, tuple[float, float]]]
+    apart: Mapping[str, Mapping[str, float]]
     draws: int
     matched: int
 
     def table(self) -> Table:
         """Return a row per share."""
         rows = [
-            (kind, float(share), ignored, used)
+            (kind, float(share), ignored, used, self.apart[kind][share])
             for kind, shares in self.said.items()
             for share, (ignored, used) in shares.items()
         ]
@@ -457,8 +472,8 @@ class PolicyPower(JsonRecord):
         title = f"how often {self.episodes} episodes ({self.frames} frames) settle it"
         note = f"of {self.draws} simulated data sets each; every frame responds"
         if self.matched < self.frames:
-            note = f"{note}; used is decided by the {self.matched} frames with a match at a similar state"
-        ends = (Column("ignored", "number", 2), Column("used", "number", 2))
+            note = f"{note}; content or pose is decided by the {self.matched} frames with a match at a similar state"
+        ends = (Column("ignored", "number", 2), Column("used", "number", 2), Column("content or pose", "number", 2))
         return Table("power", title, (*head, *ends), tuple(rows), note)
 
 
@@ -474,22 +489,23 @@ def power(
     """Simulate what a bank can decide about a policy's cameras, by their share.
 
     ``matched`` counts the frames with a match at a similar state, and their episodes; the default
-    is all. Whether a camera is used is simulated on these frames alone.
+    is all. What a camera is used for is simulated on these frames alone.
     """
     told, of = (frames, episodes) if matched is None else matched
     kinds = {"same": PolicySetting(), "drawn": PolicySetting(noise=0.25, answers=4)}
     said: dict[str, dict[str, tuple[float, float]]] = {}
+    apart: dict[str, dict[str, float]] = {}
     for kind, base in kinds.items():
         for share in SHARES:
             setting = replace(base, share=share, episodes=episodes, frames=max(frames, episodes))
-            labels = _batch(setting, 0, 0, draws)
-            uses = sum(labels[label] for label in _USES)
+            by_match = labels = _counted(_Batch(setting, 0, 0, draws))
             if told < frames:
                 fewer = replace(setting, episodes=max(of, LEAST_SIMULATED), frames=max(told, LEAST_SIMULATED))
-                by_match = _batch(fewer, 0, 0, draws) if told else Counter[str]()
-                uses = labels["camera_presence"] + by_match["camera_content"] + by_match["pose_only"]
+                by_match = _counted(_Batch(fewer, 0, 0, draws)) if told else Counter[str]()
+            uses = sum(labels[label] for label in _USES)
             said.setdefault(kind, {})[f"{share:g}"] = labels["ignores_camera"] / draws, uses / draws
-    return PolicyPower(episodes, frames, calls, left_out, said, draws, told)
+            apart.setdefault(kind, {})[f"{share:g}"] = sum(by_match[label] for label in _APART) / draws
+    return PolicyPower(episodes, frames, calls, left_out, said, apart, draws, told)
 
 
 def table(tried: Sequence[LabelCounts]) -> Table:

@@ -83,6 +83,13 @@ def battery(
     stop_early: Annotated[
         bool, typer.Option("--stop-early", help="Stop asking a model when its verdict is settled; see below.")
     ] = False,
+    series: Annotated[
+        str | None,
+        typer.Option(
+            help="Corruptions with commas, or all: how far down fog, rain, night, sun, blur, grain, jpeg, pixels, dirt "
+            "or exposure its effect holds. At most three of five steps are asked of each."
+        ),
+    ] = None,
     fresh_controls: Annotated[
         bool,
         typer.Option("--fresh-controls", help="Draw the distances of the control pictures anew, only for this run."),
@@ -97,13 +104,18 @@ def battery(
     """
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
+    from eyechart.studies.battery.series import read_series
     from eyechart.studies.probes import Planner
 
+    corruptions = () if series is None else read_series(series)
     asked_about = _with_fresh_controls(frames, out, shard, dry_run=making.dry_run) if fresh_controls else frames
 
     def planned(modes: "Sequence[RequestMode]") -> "Battery":
         part = None if shard is None else read_shard(shard)
-        extent, names = study.BatterySelection(limit, part, stop_early, controls), options.names(conditions)
+        extent, names = (
+            study.BatterySelection(limit, part, stop_early, controls, corruptions),
+            options.names(conditions),
+        )
         return study.plan(asked_about, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
@@ -242,6 +254,7 @@ def _study(
     make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
 
 
+@options.expanded
 def policy(
     frames: options.Frames,
     out: options.Out,
@@ -267,6 +280,7 @@ def policy(
     again: options.AskAgain = False,
     accept_loss: options.AcceptLoss = False,
     dry_run: options.DryRun = False,
+    cluster: options.ClusterOptions = options.ON_THIS_MACHINE,
 ) -> None:
     """Ask policies about every frame of a bank, with channels exchanged between episodes.
 
@@ -285,7 +299,7 @@ def policy(
         return study.plan(frames, policy or (), out, seed=seed, extent=extent, conditions=asked, timeout_s=timeout_s)
 
     spending = options.CostLimits(max_calls, accept_loss=accept_loss)
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again)
+    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again, **vars(cluster))
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
     make(Planner(planned, [out]), NOBODY, allowed, done)
 

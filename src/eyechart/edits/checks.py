@@ -50,7 +50,8 @@ def of_annotation(photo: Photo, lead: Cutout, rows: int, columns: int, limits: E
     """Yield why a lead cannot be cut out whole, from what was annotated."""
     thing, box = photo.lead, lead.box
     assert thing is not None
-    if box.x0 <= limits.edge_px or box.x1 >= columns - limits.edge_px or box.y1 >= rows - limits.edge_px:
+    left, right = min(box.x0, thing.box.x0), max(box.x1, thing.box.x1)
+    if left <= limits.edge_px or right >= columns - limits.edge_px or box.y1 >= rows - limits.edge_px:
         yield "it touches the edge of the picture, so that it is not seen whole"
     elif box.y1 >= rows * (1 - limits.before):
         yield "no road is seen before it"

@@ -156,6 +156,7 @@ def _of_way(moves: Moves) -> tuple[float, float]:
 def _sizes(source: EditSource) -> dict[str, Size]:
     """Return the size of each photograph, after a check that all programs show it alike."""
     faults, sizes = Faults(), {}
+    files = {one.file for one in source.annotations.photos}
     for one in source.annotations.photos:
         with faults.noted():
             stored = read_bounded(source.folder, one.file)
@@ -164,6 +165,10 @@ def _sizes(source: EditSource) -> dict[str, Size]:
             except BankError as error:
                 raise SourceError(f"{one.where}: {error}; its boxes must be those of the picture as saved") from error
             sizes[one.file] = size_of(stored, one.file)
+            if not one.file.lower().endswith(".png") and f"{one.file}.png" in files:
+                raise SourceError(
+                    f"{one.where}: '{one.file}' and '{one.file}.png' would have pictures of one name; rename one"
+                )
     faults.require_none(str(source.folder))
     return sizes
 

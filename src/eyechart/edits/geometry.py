@@ -120,24 +120,28 @@ def _sources(ends: tuple[float, float], scale: float, about: float, size: int, s
     return max(math.floor(low - reach), 0), min(math.ceil(high + reach), size)
 
 
-def cut(picture: Planes, share: Planes) -> Planes:
+def cut(picture: Planes, share: Planes | Mask) -> Planes:
     """Return the planes (h, w, 4) of what is cut out: colours times its share, and the share."""
     return np.dstack([picture * share[..., None], share]).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """Planes (h, w, 4) of a cut-out in its new place, and the distance that orders it."""
+    """Planes (h, w, 4) of a cut-out, the column and row of their corner, and the ordering distance."""
 
     distance_m: float
     planes: Planes
+    left: int = 0
+    top: int = 0
 
 
 def laid_over(ground: Planes, layers: Sequence[Layer]) -> Planes:
     """Return a picture (h, w, 3) with layers over it, the farthest first."""
     made = ground.copy()
     for layer in sorted(layers, key=lambda one: -one.distance_m):
-        made = layer.planes[..., :3] + made * (1 - layer.planes[..., 3:])
+        height, width = layer.planes.shape[:2]
+        part = made[layer.top : layer.top + height, layer.left : layer.left + width]
+        part[...] = layer.planes[..., :3] + part * (1 - layer.planes[..., 3:])
     return made
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy.ndimage import binary_closing, label
 
-from eyechart.edits.annotations import ObjectBox
+from eyechart.edits.annotations import OWN, ObjectBox
 from eyechart.edits.geometry import Box, Mask
 from eyechart.errors import BankError, SourceError, raising
 from eyechart.frames import RGB, decode, inside, media_type, read_bounded
@@ -28,6 +28,8 @@ MOST_CORNERS = 10_000
 _AROUND_PX = 60
 _ROUNDS = 6
 _AGREES = 0.5
+_LEAST_OF_BOX = 0.3
+"""An outline of less of its box is not the object."""
 
 
 def usual_cut() -> str:
@@ -49,11 +51,12 @@ def mask_of(thing: ObjectBox, pixels: RGB, folders: Sequence[Path], cut: str) ->
             if thing.mask.lower().endswith(".png"):
                 return _of_box(_from_file(thing.mask, folders, width, height), thing, width, height), FILE
             return _of_box(from_corners(thing.mask, width, height), thing, width, height), POLYGON
-    if cut == GRABCUT:
+    box = from_box(thing.box, width, height)
+    if cut == GRABCUT and thing.role != OWN:
         found = _grabcut(pixels, thing.box)
-        if found is not None:
+        if found is not None and found.sum() >= _LEAST_OF_BOX * box.sum():
             return found, GRABCUT
-    return from_box(thing.box, width, height), BOX
+    return box, BOX
 
 
 def from_box(box: Box, width: int, height: int) -> Mask:

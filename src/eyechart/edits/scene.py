@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
@@ -102,18 +103,46 @@ class EditScene:
         assert self.eye_m is not None
         return (self.lead.box.x1 - self.lead.box.x0) / (self.lead.foot - self.lines.horizon) * self.eye_m
 
-    def layer(self, place: CopyPlace) -> Layer:
-        """Return the cut-out of the lead at a place; the edge of an enlarged one stays sharp."""
-        scale = self.scale(place)
-        planes = scaled(cut(self.picture, self.share), scale, self.lines, self.shift_px(place))
+    @cached_property
+    def _cut(self) -> Planes:
+        return cut(self.picture, self.share)
+
+    def layer(self, place: CopyPlace) -> Layer | None:
+        """Return the cut-out of the lead at a place, None outside of the picture.
+
+        The edge of an enlarged one stays sharp.
+        """
+        scale, shift = self.scale(place), self.shift_px(place)
+        window = self._window(scale, shift)
+        if window.x1 <= window.x0 or window.y1 <= window.y0:
+            return None
+        planes = scaled(self._cut, scale, self.lines, shift, window)
         if scale > 1:
             planes = _sharp(planes, scale)
-        return Layer(place.distance_m, planes)
+        return Layer(place.distance_m, planes, int(window.x0), int(window.y0))
+
+    def _window(self, scale: float, shift: float) -> Box:
+        """Return the part of the picture that a copy may cover."""
+        x0, y0, x1, y1 = box_of(self.hole)
+        rows, columns = self.share.shape
+        reach = 3 + 2 * scale
+        left, right = (self.lines.column + scale * (one - self.lines.column) + shift for one in (x0, x1))
+        top, bottom = (self.lines.row(one, scale) for one in (y0, y1))
+        return Box(
+            max(math.floor(left - reach), 0),
+            max(math.floor(top - reach), 0),
+            min(math.ceil(right + reach), columns),
+            min(math.ceil(bottom + reach), rows),
+        )
 
     def composed(self, plate: Plate, *places: CopyPlace) -> RGB:
         """Return a plate with copies of the lead at places; what is nearer covers what is not."""
-        others = [Layer(one.distance_m or 0.0, cut(self.picture, one.mask.astype(np.float32))) for one in self.others]
-        made = laid_over(plate.picture, [*(self.layer(place) for place in places), *others])
+        layers = [layer for place in places if (layer := self.layer(place)) is not None]
+        for one in self.others:
+            x0, y0, x1, y1 = box_of(one.mask)
+            part = np.s_[y0:y1, x0:x1]
+            layers.append(Layer(one.distance_m or 0.0, cut(self.picture[part], one.mask[part]), x0, y0))
+        made = laid_over(plate.picture, layers)
         made[self.own] = self.picture[self.own]
         return as_pixels(made)
 
