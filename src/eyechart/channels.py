@@ -5,15 +5,18 @@ channel is shown with which frame: every run on it shows the same. The partner n
 frame's own episode.
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from eyechart.errors import BankError, SpecError, counted
 from eyechart.frames import Frame, FrameBank, Source, Stimulus
+from eyechart.records import build, parse_json
 from eyechart.regexes import pattern
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
@@ -65,6 +68,65 @@ def reads(channel: str, declared: Sequence[str]) -> bool:
     if channel == CAMERAS:
         return any(one == channel or one.startswith(CAMERA) for one in declared)
     return channel in declared or (channel.startswith(CAMERA) and CAMERAS in declared)
+
+
+@dataclass(frozen=True)
+class InputShapes:
+    """What a policy takes and returns: picture sizes (h, w) by camera, and counts of numbers.
+
+    ``state`` and ``action`` count the numbers of a state and of a step, ``steps`` those of a chunk.
+    """
+
+    cameras: Mapping[str, tuple[int, int]]
+    state: int
+    action: int
+    steps: int
+
+    FACT: ClassVar[str] = "shapes"
+
+    def facts(self) -> dict[str, str]:
+        """Return it as a fact of a model."""
+        return {self.FACT: json.dumps({**asdict(self), "cameras": dict(self.cameras)})}
+
+    @classmethod
+    def of(cls, facts: Mapping[str, str]) -> "InputShapes | None":
+        """Return what a model's facts say of it; None if they say nothing."""
+        return build(cls, parse_json(facts[cls.FACT])) if cls.FACT in facts else None
+
+
+def require_inputs(spec: str, facts: Mapping[str, str], bank: FrameBank) -> None:
+    """Raise SpecError if a policy takes or returns what the bank does not have.
+
+    A chunk may be longer than the bank's motions: its first steps are taken.
+    """
+    shapes, space = InputShapes.of(facts), bank.manifest.motion
+    if shapes is not None and space is not None:
+        _require_shapes(spec, shapes, space, bank)
+    require_channels(spec, tuple(filter(None, facts.get("channels", "").split(", "))), bank)
+
+
+def _require_shapes(spec: str, shapes: InputShapes, space: MotionSpace, bank: FrameBank) -> None:
+    found = bank.shapes(bank.frames[0])
+    for name, (high, wide) in shapes.cameras.items():
+        if name not in found:
+            raise SpecError(f"'{spec}' reads the camera '{name}', and the bank has {', '.join(found)}")
+        if found[name][:2] != (high, wide):
+            own = f"{found[name][1]}×{found[name][0]}"
+            raise SpecError(
+                f"'{spec}' reads pictures of {wide}×{high} of the camera '{name}', and the bank's have {own}: import "
+                "the data set that it was trained on, or write a callable that resizes them"
+            )
+    steps, numbers = space.shape
+    state = len(flat_state(bank.frames[0].state))
+    if shapes.state not in {0, state}:
+        raise SpecError(f"'{spec}' reads {shapes.state} numbers of a state, and the bank's has {state}")
+    if numbers != shapes.action:
+        raise SpecError(f"'{spec}' answers with steps of {shapes.action} numbers, and the bank's have {numbers}")
+    if steps > shapes.steps:
+        raise SpecError(
+            f"'{spec}' answers with {shapes.steps} steps, and the bank's motions have {steps}: import it again with "
+            f"--horizon {shapes.steps} or less"
+        )
 
 
 def require_history(spec: str, history: int, bank: FrameBank) -> None:

@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from eyechart.channels import CAMERAS
+from eyechart.channels import CAMERAS, InputShapes
 from eyechart.costs import assumed, estimate
 from eyechart.formats import FORMATS
 from eyechart.frames import open_bank
@@ -54,9 +54,11 @@ def steps_of(wanted: LookRequest) -> int:
         return 1
     if (before := wanted.pictures.made_with(wanted.out)) is not None:
         return before
+    held = wanted.held or open_policy(wanted.spec)
+    if (shapes := InputShapes.of(held.model.facts)) is not None:
+        return shapes.steps
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
-        held = wanted.held or open_policy(wanted.spec)
         few = Choices(every=_SELDOM, history=history_of(held.model.facts))
         a_few = {"choices": few, "ahead": Horizon(1, "delta", rotations=None)}
         FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)

@@ -77,6 +77,7 @@ HISTORY = "history"
 POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
+    "lerobot": "eyechart.models.lerobot",
 }
 """The module of each adapter of policies; a policy is a model that answers with a motion."""
 

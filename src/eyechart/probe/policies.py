@@ -20,8 +20,8 @@ from eyechart.channels import (
     reads,
     relative,
     relative_log,
-    require_channels,
     require_history,
+    require_inputs,
     told,
 )
 from eyechart.conditions import mixed, show
@@ -116,10 +116,10 @@ def examine_policy(
     space = bank.manifest.motion
     if space is None:
         raise BankError(f"the bank {bank.root} declares no motion, so no answer can be compared with it")
-    require_channels(spec, declared := _declared(model), bank)
+    require_inputs(spec, model.facts, bank)
     require_history(spec, history_of(model.facts), bank)
     calls = _ProbeCalls(model, _ProbeFrames(bank, space), tell)
-    return in_own_loop(_examine(spec, calls, declared))
+    return in_own_loop(_examine(spec, calls, _declared(model)))
 
 
 def _declared(model: Model) -> tuple[str, ...]:

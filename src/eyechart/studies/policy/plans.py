@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import channels_of, instruction_column, require_channels, require_history
+from eyechart.channels import channels_of, instruction_column, require_history, require_inputs
 from eyechart.conditions import FROZEN, NO_HISTORY, OVER, PARTNERS, find_condition
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, did_you_mean
@@ -132,7 +132,7 @@ def plan(
     bank = open_whole(bank_path)
     _require_asked(bank)
     for spec, model in models.items():
-        require_channels(spec, tuple(filter(None, model.facts.get("channels", "").split(", "))), bank)
+        require_inputs(spec, model.facts, bank)
         require_history(spec, history_of(model.facts), bank)
     supplied, left_out = conditions_of(bank)
     asked = _conditions_asked(bank, conditions or supplied, shapley=extent.shapley)
