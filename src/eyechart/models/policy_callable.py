@@ -177,12 +177,8 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
     facts = {"seedable": str(seedable).lower(), **digests}
     if isinstance(channels, list | tuple):
         facts["channels"] = ", ".join(channels)
-    if step is not None:
-        facts["step"] = str(step)
-    if isinstance(history, int) and history:
-        facts[HISTORY] = str(history)
-    if isinstance(batch, int):
-        facts["batch"] = str(batch)
+    numbers = {"step": step, HISTORY: history or None, "batch": batch}
+    facts |= {name: str(one) for name, one in numbers.items() if one is not None}
     return PolicyCallable(
         act,
         str(version) or found,
