@@ -161,16 +161,7 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
     """Return a policy with its declared attributes; ``found`` is the default version."""
     own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
     seedable, version, channels, reset, step, history, batch = (own[what] for what in DECLARED)
-    wrong = {
-        "seedable": not isinstance(seedable, bool),
-        "version": not isinstance(version, str),
-        "channels": not (channels is None or (isinstance(channels, list | tuple) and all(map(_is_word, channels)))),
-        "reset": not (reset is None or callable(reset)),
-        "step": not (step is None or (isinstance(step, int) and not isinstance(step, bool) and step >= 0)),
-        HISTORY: not is_history(history),
-        "batch": not is_size(batch),
-    }
-    if amiss := [what for what, bad in wrong.items() if bad]:
+    if amiss := [what for what, is_right in _IS_RIGHT.items() if not is_right(own[what])]:
         raise SpecError(f"'{mode.spec}' declares {amiss[0]} = {own[amiss[0]]!r}; it must be {_MAY_BE[amiss[0]]}")
     if cannot := _cannot_be_called(act, *(("seed",) if seedable else ())):
         raise SpecError(f"'{mode.spec}' cannot be called: {cannot}")
@@ -210,6 +201,26 @@ def _cannot_be_called(act: Act, *named: str) -> str:
 
 def _is_word(one: object) -> bool:
     return isinstance(one, str) and bool(one)
+
+
+def _are_words(channels: object) -> bool:
+    return channels is None or (isinstance(channels, list | tuple) and all(map(_is_word, channels)))
+
+
+def _is_step(step: object) -> bool:
+    return step is None or (isinstance(step, int) and not isinstance(step, bool) and step >= 0)
+
+
+_IS_RIGHT: Mapping[str, Callable[[object], bool]] = {
+    "seedable": lambda one: isinstance(one, bool),
+    "version": lambda one: isinstance(one, str),
+    "channels": _are_words,
+    "reset": lambda one: one is None or callable(one),
+    "step": _is_step,
+    HISTORY: is_history,
+    "batch": is_size,
+}
+"""Whether a declared value of each attribute is allowed."""
 
 
 def names() -> dict[str, str]:
