@@ -135,7 +135,7 @@ def test_rotations_of_other_counts_are_named_as_compared_alone(tmp_path: Path) -
 
 
 def test_a_quaternion_that_turns_about_one_axis_is_asked_about() -> None:
-    """Two of its numbers are zero in every row; numbers of zero and one alone are none."""
+    """Two of its numbers are zero in every row, and two readings are missing; zeros and ones alone are none."""
     turns = np.linspace(0.1, 2.8, 40)
     zero = np.zeros(40)
     places: Places = {"motion": [("action", place) for place in range(4)], "state": []}
@@ -147,6 +147,12 @@ def test_a_quaternion_that_turns_about_one_axis_is_asked_about() -> None:
     about_z = np.stack([zero, zero, np.sin(turns / 2), np.cos(turns / 2)], axis=1)
     with pytest.raises(SpecError, match=r"action\[0:4\] look like a rotation \(quat_xyzw\)"):
         of(about_z).rotations([])
+    missing = about_z.copy()
+    missing[[3, 17]] = 0.0
+    with pytest.raises(SpecError, match=r"action\[0:4\] look like a rotation"):
+        of(missing).rotations([])
+    missing[:20] = 0.0
+    assert of(missing).rotations([]) == ()
     one_hot = np.eye(4)[np.arange(40) % 4]
     assert of(one_hot).rotations([]) == ()
     assert of(about_z * [1, 1, 1, 0.9]).rotations([]) == ()
