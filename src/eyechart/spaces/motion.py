@@ -302,6 +302,11 @@ class MotionSpace(SpaceDefaults):
         return self.horizon, len(self.dimensions)
 
     @property
+    def form(self) -> str:
+        """Return in words how an answer comes."""
+        return "arrays"
+
+    @property
     def axes(self) -> tuple[str, ...]:
         """Return the world's axes that have a dimension."""
         return tuple(dict.fromkeys(dimension.along for dimension in self.dimensions if dimension.along))
@@ -508,6 +513,7 @@ class MotionSpace(SpaceDefaults):
             "rate": tuple("none" if one.rate_hz is None else f"{one.rate_hz:g} Hz" for one in (self, other)),
             "dimensions": tuple(", ".join(each.name for each in one.dimensions) for one in (self, other)),
             "rotations": tuple(one.rotations_in_words() for one in (self, other)),
+            "form of answers": (self.form, other.form),
         }
         if pairs["dimensions"][0] == pairs["dimensions"][1]:
             for mine, theirs in zip(self.dimensions, other.dimensions, strict=True):

@@ -4,15 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eyechart.channels import CAMERA, CAMERAS, channels_of
-from eyechart.conditions.policies import conditions_of
+from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.models import states
 from eyechart.models.prices import Prices, read_prices
+from eyechart.prompts import says
 from eyechart.records import KeyedRecord
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import MOTION_READER
@@ -21,9 +22,15 @@ from eyechart.stats.total_effect import share_difference
 from eyechart.studies.battery import require_requests, taken
 from eyechart.studies.policy.effects import Effects, statistics_of
 from eyechart.studies.policy.motions import Motions, read_motions
-from eyechart.studies.policy.plans import STUDY, drawers, motions_of, seeded
+from eyechart.studies.policy.plans import STUDY, drawers, motions_of, seeded, shown_conditions
 from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy
 from eyechart.verdicts.share_predicates import MissingConditions
+
+_GUARDS = frozenset({"outcomes", "geometry", "served"})
+_OF_SERVERS = ("picture", "cache", "load", "truncation", "shown")
+"""Guards of models that state their motions in words, which are asked as any served model is."""
+_ON_THE_WAY = frozenset({"picture", "cache", "load"})
+"""Guards whose failure is a fault of the way to the model, so that no channel can be judged."""
 
 CallAccounts = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 
@@ -63,8 +70,9 @@ class PolicyScore(KeyedRecord):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Return the channels of the bank."""
-        return channels_of(self.bank)
+        """Return the channels of the bank, as far as the prompt says them."""
+        unsaid = {STATE, INSTRUCTION} - says(self.manifest.prompt, self.bank)
+        return tuple(name for name in channels_of(self.bank) if name not in unsaid)
 
     def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the statistics of every policy on the bank."""
@@ -133,7 +141,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
 
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
-    supplied, lacking = conditions_of(found.bank, reading=False)
+    supplied, lacking = shown_conditions(found.bank, found.manifest.prompt, reading=False)
     missingconditions = MissingConditions(
         frozenset(supplied) - frozenset(found.manifest.conditions), lacking, found.manifest.bank_path
     )
@@ -147,6 +155,11 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
             left=model.motions.planned - model.motions.finished,
             reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
             asked=missingconditions,
+            on_the_way={
+                one.name: one.because
+                for one in found.guards.get(spec, ())
+                if one.name in _ON_THE_WAY and one.holds is False
+            },
         )
         for spec, model in found.models.items()
     }
@@ -184,7 +197,7 @@ def took(path: Path, prices: Prices) -> CallAccounts:
 def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Prices) -> CallAccounts:
     spent, kept = taken(ledger, manifest, plan, prices)
     return spent, {
-        spec: tuple(one for one in many if one.name in {"outcomes", "geometry", "served"})
+        spec: tuple(one for one in many if one.name in _GUARDS or (states(spec) and one.name in _OF_SERVERS))
         for spec, many in kept.items()
     }
 
