@@ -33,7 +33,7 @@ from eyechart.spaces.declared import AnswerSpace, answer_from
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
 from eyechart.spaces.fields import candidates_of
 from eyechart.spaces.motion import MotionSpace
-from eyechart.spaces.stated_motion import StatedMotionSpace, field_of
+from eyechart.spaces.stated_motion import ROWS, StatedMotionSpace, field_of
 from eyechart.spaces.scene import HIGHWAY, SCENES
 from eyechart.spaces.space import AnySpace
 
@@ -366,7 +366,8 @@ def _motion_words(bank: FrameBank, space: MotionSpace) -> str:
     steps, manifest = space.horizon, bank.manifest
     cameras = [camera.name for camera in bank.frames[0].cameras]
     seen = f"its cameras {', '.join(cameras)}, in this order" if len(cameras) > 1 else "its camera"
-    parts = [f"You control a machine by {seen} ({_FIELD.sub(r'{{\1\2}}', manifest.picture)})."]
+    described = _FIELD.sub(lambda found: f"{{{{{found.group(1) or found.group(2)}}}}}", manifest.picture)
+    parts = [f"You control a machine by {seen} ({described})."]
     states = [place for name in manifest.state if _FIELD.fullmatch(place := f"{{{name}}}")]
     if states:
         named = ", ".join(one.name for one in space.state)
@@ -377,7 +378,7 @@ def _motion_words(bank: FrameBank, space: MotionSpace) -> str:
     rows = "one row" if steps == 1 else f"{steps} rows, one for each of the next steps{rate}"
     parts.append(f"Answer with {rows} of the numbers {numbers}; each number is {_MEANT[space.kind]}.")
     form = ", ".join(f"<{field_of(one)}>" for one in space.dimensions)
-    parts.append(f'Reply with a JSON array of rows and nothing else: [[{form}]{", …" if steps > 1 else ""}]')
+    parts.append(f'Reply with JSON and nothing else: {{"{ROWS}": [[{form}]{", …" if steps > 1 else ""}]}}')
     return " ".join(parts)
 
 
