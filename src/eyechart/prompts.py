@@ -345,7 +345,9 @@ def stated_prompt(bank: FrameBank, given: Prompt | None = None) -> Prompt:
     space = bank.manifest.motion
     assert space is not None
     if given is None:
-        return Prompt("neutral_motion", "", _motion_words(bank, space), template=True, space=StatedMotionSpace.of(space))
+        return Prompt(
+            "neutral_motion", "", _motion_words(bank, space), template=True, space=StatedMotionSpace.of(space)
+        )
     if given.space is not None and not isinstance(given.space, AnswerSpace):
         raise SpecError(
             f"prompt '{given.name}' asks for named actions, and a policy answers with numbers: declare them in "

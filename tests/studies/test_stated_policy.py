@@ -28,11 +28,25 @@ def eyechart(*words: object) -> str:
 
 def asked(bank: FrameBank, out: Path, server: FaultServer, *more: object) -> Sequence[object]:
     """Return the command that asks the model behind a server."""
-    return ("run", "policy", "--policy", "openai:m", "--base-url", server.base_url, "--frames", bank.root, "--out", out, *more)
+    return (
+        "run",
+        "policy",
+        "--policy",
+        "openai:m",
+        "--base-url",
+        server.base_url,
+        "--frames",
+        bank.root,
+        "--out",
+        out,
+        *more,
+    )
 
 
 @pytest.mark.parametrize(("looks", "label"), [(True, "camera_content"), (False, "ignores_camera")])
-def test_who_looks_and_who_does_not_get_opposite_verdicts(bank: FrameBank, tmp_path: Path, looks: bool, label: str) -> None:
+def test_who_looks_and_who_does_not_get_opposite_verdicts(
+    bank: FrameBank, tmp_path: Path, looks: bool, label: str
+) -> None:
     file, out = tmp_path / "drive.toml", tmp_path / "run"
     file.write_text(PROMPT)
     with FaultServer([Driver(looks=looks)]) as server:

@@ -209,10 +209,10 @@ class DriveOptions(ModelRunOptions):
 class PolicyRunOptions(ModelRunOptions):
     """`ModelRunOptions` for policies: those called here are called one at a time."""
 
-    concurrency: Annotated[  # type: ignore[assignment]
+    concurrency: Annotated[
         int | None,
         typer.Option(min=1, help="Concurrent calls per policy; default: 1, and 8 for a model that answers in words."),
-    ] = None
+    ] = None  # type: ignore[assignment]
 
     def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - as in ModelRunOptions
         """Return what a command allows its run; ``in_words`` says that models answer in words."""

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from dataclasses import fields as fields_of
 from functools import cached_property
@@ -95,7 +95,7 @@ class StatedMotionSpace(MotionSpace):
             if (one.size or 1) != steps or (one.kind == "number" and steps > 1):
                 raise SpecError(
                     f"answer field '{one.name}' is {one.size or 1} of the {steps} steps of a motion, and no step is "
-                    f"repeated: write kind = \"vector\", size = {steps}, or make a bank of one step (--horizon 1)"
+                    f'repeated: write kind = "vector", size = {steps}, or make a bank of one step (--horizon 1)'
                 )
 
     @property
@@ -120,7 +120,7 @@ class StatedMotionSpace(MotionSpace):
         """Return in words how an answer comes."""
         return f"fields {', '.join(one.name for one in self.fields)}" if self.fields else "rows in words"
 
-    def schema(self) -> Mapping[str, object]:
+    def schema(self) -> dict[str, object]:
         """Return the JSON schema of an answer: an object with each field at its key."""
         result: dict[str, object] = {}
         for one in self._asked:
@@ -129,7 +129,9 @@ class StatedMotionSpace(MotionSpace):
 
     def read(self, reply: Answer) -> Decision[Motion]:
         """Return the motion in a reply's words, or the reason why there is none."""
-        found = read_declared(reply.text, reply.finish_reason, reply.error, self._fields_in(without_thinking(reply.text)))
+        found = read_declared(
+            reply.text, reply.finish_reason, reply.error, self._fields_in(without_thinking(reply.text))
+        )
         if found.action is None:
             return Decision(None, found.missing, found.why)
         steps, wide = self.shape

@@ -6,7 +6,6 @@ Why these rules: docs/decisions/policies.md.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from types import MappingProxyType
 
 from eyechart.channels import reads as is_read
 from eyechart.records import plain, to_json_fields
@@ -48,8 +47,6 @@ INCONSISTENT = 0.50
 """Above this share of noise a policy does not agree with itself."""
 REMEMBERED, SURE = 0.02, 0.001
 """From this share of noise that goes with the call before, at this p, a policy remembers calls."""
-EVERY_CALL_ARRIVED: Mapping[str, str] = MappingProxyType({})
-"""No guard of the way to a model failed."""
 AXES: Mapping[str, Mapping[str, UseLabel]] = {"camera": CAMERA, "state": STATE, "instruction": INSTRUCTION}
 """The labels of each axis of a policy, by their names."""
 
@@ -159,16 +156,14 @@ def judge_policy(
     left: int = 0,
     reads: Sequence[str] = (),
     asked: MissingConditions = EVERYTHING,
-    on_the_way: Mapping[str, str] = EVERY_CALL_ARRIVED,
 ) -> PolicyVerdict:
     """Return the verdict on a policy.
 
     ``channels`` are those of the bank, ``reads`` those that the policy declares to read, if any.
     ``missing`` counts the calls without a motion by reason; ``left`` calls are not finished.
-    ``on_the_way`` holds the failed guards of the way to a served model, with the reason.
     """
     known = ShareStatistics(statistics, asked)
-    failed = {**on_the_way, **failed_guards(known, missing or {})}
+    failed = failed_guards(known, missing or {})
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
     remarks = [f"{left} calls are unfinished: what is said of part of a run may change"] if left else []
@@ -199,6 +194,13 @@ def judge_policy(
     return PolicyVerdict(
         model, camera, single, state, instruction, failed, shares, scope, tuple(remarks), misfit=misfit
     )
+
+
+def not_arrived(verdict: PolicyVerdict, failed: Mapping[str, str]) -> PolicyVerdict:
+    """Return a verdict that says nothing of any channel: guards of the way to a model ``failed``."""
+    nothing = AxisVerdict("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
+    guards, cameras = {**failed, **verdict.guards}, dict.fromkeys(verdict.cameras, nothing)
+    return replace(verdict, guards=guards, cameras=cameras, camera=nothing, state=nothing, instruction=nothing)
 
 
 def _alone(name: str, ignored: Sequence[str]) -> str:

@@ -23,7 +23,7 @@ from eyechart.studies.battery import require_requests, taken
 from eyechart.studies.policy.effects import Effects, statistics_of
 from eyechart.studies.policy.motions import Motions, read_motions
 from eyechart.studies.policy.plans import STUDY, drawers, motions_of, seeded, shown_conditions
-from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy
+from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy, not_arrived
 from eyechart.verdicts.share_predicates import MissingConditions
 
 _GUARDS = frozenset({"outcomes", "geometry", "served"})
@@ -145,7 +145,7 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     missingconditions = MissingConditions(
         frozenset(supplied) - frozenset(found.manifest.conditions), lacking, found.manifest.bank_path
     )
-    return {
+    verdicts = {
         spec: judge_policy(
             spec,
             model.statistics,
@@ -155,14 +155,14 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
             left=model.motions.planned - model.motions.finished,
             reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
             asked=missingconditions,
-            on_the_way={
-                one.name: one.because
-                for one in found.guards.get(spec, ())
-                if one.name in _ON_THE_WAY and one.holds is False
-            },
         )
         for spec, model in found.models.items()
     }
+    failed = {
+        spec: {one.name: one.because for one in guards if one.name in _ON_THE_WAY and one.holds is False}
+        for spec, guards in found.guards.items()
+    }
+    return {spec: not_arrived(one, why) if (why := failed.get(spec)) else one for spec, one in verdicts.items()}
 
 
 def judged_json(found: PolicyScore) -> dict[str, dict[str, object]]:
