@@ -2,15 +2,18 @@
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from aiohttp import web
 from PIL import Image
 
 from eyechart.frames import FrameBank, decode
 from eyechart.importing import Choices, import_table, read_rig
-from seeing import Endpoint, OllamaEndpoint
+from faults import completion
+from seeing import Endpoint, OllamaEndpoint, read
 
 PROMPT = """
 name = "drive"
@@ -27,7 +30,7 @@ fields = [
 
 
 def rover_bank(folder: Path, *, episodes: int = 16, length: int = 5, horizon: int = 1) -> FrameBank:
-    """Return a bank of drives: where the bright post stands says where to steer, the pace and the task how fast to go."""
+    """Return a bank of drives: a bright post says where to steer, the pace and the task how fast to go."""
     rng = np.random.default_rng(3)
     folder.mkdir(parents=True, exist_ok=True)
     lines = ["front,drive,step,task,pace,steer,speed"]
@@ -66,7 +69,18 @@ class Driver(Endpoint):
     """Answers a driver's prompt with numbers: from its picture if it ``looks``, from the words alone if not."""
 
     looks: bool = True
-    form: str = "object"
+    trembles: float = 0.0
+    odd: Sequence[tuple[str, str]] = ()
+    """Every other reply to a driver is one of these in turn: its text, and how it ended."""
+    driven: int = 0
+
+    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        """Answer one request; some replies to a driver are odd."""
+        self.driven += "rover" in read(asked)[0]
+        if self.odd and self.driven % 2 and "rover" in read(asked)[0]:
+            text, end = self.odd[self.driven // 2 % len(self.odd)]
+            return web.json_response(completion(text, end, usage={"prompt_tokens": 9, "completion_tokens": 3}))
+        return await super().__call__(request, asked, attempt)
 
     def say(self, user: str, picture: bytes | None, asked: dict[str, object]) -> str:
         """Return the answer; a driver's is JSON in any mode."""
@@ -82,7 +96,8 @@ class Driver(Endpoint):
         if self.looks and picture is not None:
             pixels = decode(picture, "it").astype(float).sum(axis=2)[4:12].mean(axis=0)
             steer = steering(float(pixels.argmax())) if pixels.max() > pixels.min() + 1 else 0.0
-        if self.form == "rows" or '"motion"' in user:
+        steer += self.trembles * self.dice.uniform(-1, 1) * bool(asked.get("temperature"))
+        if '"motion"' in user:
             return json.dumps({"motion": [[round(steer, 4), round(speed, 4)]]})
         return json.dumps({"steer": round(steer, 4), "speed": round(speed, 4)})
 

@@ -14,8 +14,8 @@ from eyechart.models.prices import Prices
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.records import JsonRecord
 from eyechart.spaces.motion import require_motions
-from eyechart.spaces.stated_motion import StatedMotionSpace
 from eyechart.spaces.space import MISSING, AnySpace, Missing
+from eyechart.spaces.stated_motion import StatedMotionSpace
 
 ALL = "all"
 """The name of the account that holds every condition."""

@@ -15,8 +15,8 @@ from functools import cached_property
 from pathlib import Path
 
 from eyechart.calls import ANY_ACTION, Query
-from eyechart.channels import INSTRUCTION, STATE, instruction_column
 from eyechart.cameras import Distances
+from eyechart.channels import INSTRUCTION, STATE, instruction_column
 from eyechart.errors import SpecError, raising, require_known
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.messages import (
@@ -33,9 +33,9 @@ from eyechart.spaces.declared import AnswerSpace, answer_from
 from eyechart.spaces.discrete import DRIVING, Discrete, read_toml, space_from
 from eyechart.spaces.fields import candidates_of
 from eyechart.spaces.motion import MotionSpace
-from eyechart.spaces.stated_motion import ROWS, StatedMotionSpace, field_of
 from eyechart.spaces.scene import HIGHWAY, SCENES
 from eyechart.spaces.space import AnySpace
+from eyechart.spaces.stated_motion import ROWS, StatedMotionSpace, field_of
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
@@ -324,6 +324,32 @@ def neutral(picture: str, space: Discrete) -> Prompt:
 def policy_prompt(space: MotionSpace, instruction: str | None) -> Prompt:
     """Return a policy's prompt: its instruction from this prompt column, or empty without one."""
     return Prompt("policy", "", "" if instruction is None else f"{{{instruction}}}", template=True, space=space)
+
+
+def motion_prompt(bank: FrameBank, file: str | None, *, in_words: bool) -> Prompt:
+    """Return the prompt of a policy on a bank: its instruction, or words that ask for numbers.
+
+    Raises SpecError for a ``file`` that is no TOML file, or where answers come as arrays.
+    """
+    assert bank.manifest.motion is not None
+    if not in_words and file is not None:
+        raise SpecError("--prompt is for models that state numbers in words (openai:, ollama:, hf:): leave it out")
+    if not in_words:
+        return policy_prompt(bank.manifest.motion, instruction_column(bank))
+    if file is not None and not file.endswith(".toml"):
+        raise SpecError(f"the built-in prompts ask for named actions: give a policy --prompt FILE.toml, not '{file}'")
+    return stated_prompt(bank, None if file is None else find_prompt(file))
+
+
+def stated_steps(file: str | None) -> int:
+    """Return how many steps the answer of a prompt's file has: the size of its vectors, else one.
+
+    A file with one vector alone does not say how many numbers a step has, and counts as one step.
+    """
+    space = None if file is None or not file.endswith(".toml") else find_prompt(file).space
+    sizes = {one.size or 1 for one in space.fields} if isinstance(space, AnswerSpace) else {1}
+    several = isinstance(space, AnswerSpace) and len(space.fields) > 1
+    return sizes.pop() if several and len(sizes) == 1 else 1
 
 
 _MEANT: Mapping[str, str] = {

@@ -1,58 +1,281 @@
 """A model that answers with numbers is a policy: asked, paid, resumed and judged as one."""
 
 import json
+import subprocess
+import sys
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from aiohttp import web
 from typer.testing import CliRunner
 
+from eyechart.api import examine_policy, look, run_policies
 from eyechart.cli.app import app
 from eyechart.frames import FrameBank
-from faults import FaultServer
-from steering import PROMPT, Driver, rover_bank
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER, read_run
+from eyechart.modes import RequestMode
+from eyechart.prompts import Prompt
+from eyechart.studies.policy.scores import score
+from faults import FaultServer, Loopback, completion
+from steering import PROMPT, Driver, OllamaDriver, rover_bank
+
+FEW = "real,real_repeat,nudged,swapped@cameras,swapped@state,swapped@instruction"
 
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of sixty moments of a rover."""
+    """Return a bank of eighty moments of a rover."""
     return rover_bank(tmp_path_factory.mktemp("steering"))
 
 
-def eyechart(*words: object) -> str:
-    """Run a command that succeeds, and return its output."""
+@pytest.fixture
+def prompt(tmp_path: Path) -> Path:
+    """Return the prompt that asks for steering and speed."""
+    file = tmp_path / "drive.toml"
+    file.write_text(PROMPT)
+    return file
+
+
+def eyechart(*words: object, code: int = 0) -> str:
+    """Run a command, and return its output."""
     done = CliRunner().invoke(app, list(map(str, words)))
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == code, done.output
     return done.output
 
 
-def asked(bank: FrameBank, out: Path, server: FaultServer, *more: object) -> Sequence[object]:
+def command(bank: FrameBank, out: Path, server: FaultServer, *more: object) -> Sequence[object]:
     """Return the command that asks the model behind a server."""
-    return (
-        "run",
-        "policy",
-        "--policy",
-        "openai:m",
-        "--base-url",
-        server.base_url,
-        "--frames",
-        bank.root,
-        "--out",
-        out,
-        *more,
-    )
+    asked = ("--policy", "openai:m", "--base-url", server.base_url, "--frames", bank.root, "--out", out)
+    return ("run", "policy", *asked, *more)
 
 
-@pytest.mark.parametrize(("looks", "label"), [(True, "camera_content"), (False, "ignores_camera")])
+def verdict(out: Path, spec: str = "openai:m") -> dict[str, object]:
+    """Return what the verdict's command says of a policy."""
+    found = json.loads(eyechart("verdict", out, "--json"))["policies"][spec]
+    assert isinstance(found, dict)
+    return found
+
+
+@pytest.mark.parametrize(("looks", "label", "gate"), [(1, "camera_content", 0), (0, "ignores_camera", 1)])
 def test_who_looks_and_who_does_not_get_opposite_verdicts(
-    bank: FrameBank, tmp_path: Path, looks: bool, label: str
+    bank: FrameBank, prompt: Path, tmp_path: Path, looks: int, label: str, gate: int
 ) -> None:
-    file, out = tmp_path / "drive.toml", tmp_path / "run"
-    file.write_text(PROMPT)
-    with FaultServer([Driver(looks=looks)]) as server:
-        print(eyechart(*asked(bank, out, server, "--prompt", file)))
-        print(server.requests)
-    print(eyechart("verdict", out))
-    print(eyechart("costs", out))
-    found = json.loads(eyechart("verdict", out, "--json"))["policies"]["openai:m"]
+    """The same prompt, bank and protocol; the endpoint is probed, and all of a run's readers know the run."""
+    out, prices = tmp_path / "run", tmp_path / "prices.toml"
+    prices.write_text('[[price]]\nmodel = "openai:m"\ninput = 1.0\noutput = 2.0\ndate = "2026-11"\nsource = "a test"\n')
+    with FaultServer([Driver(looks=bool(looks))]) as server:
+        said = eyechart(*command(bank, out, server, "--prompt", prompt, "--prices", prices))
+    assert "is probed first" in said
+    assert "$" in next(line for line in said.splitlines() if "up to 3920 calls" in line)
+    assert "80 frames × 13 conditions: 1040 calls" in said
+    found = verdict(out)
     assert found["camera"] == label
+    assert (found["state"], found["instruction"]) == ("state_used" if looks else found["state"], "instruction_followed")
+    scored = score(out)
+    account = scored.accounting["openai:m"]["all"]
+    assert account.calls == 1040
+    assert account.prompt_tokens > 0
+    assert {one.name: one.holds for one in scored.guards["openai:m"]}["picture"] is True
+    assert read_run(out)[0].mode("openai:m").structured == "json_schema"
+    eyechart("gate", out, "--require", "looks", code=gate)
+    eyechart("report", out, "--out", tmp_path / "page.html")
+    eyechart("bundle", out, "--out", tmp_path / "run.zip")
+    assert "no decision" in eyechart("costs", out)
+
+
+def test_a_killed_run_goes_on_and_asks_no_finished_call_again(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
+    """A process is killed in the middle; the same command makes what its ledger lacks, and nothing else."""
+    out = tmp_path / "run"
+    with FaultServer([Driver()], pause_s=0.02) as server:
+        words = command(bank, out, server, "--prompt", prompt, "--no-probe", "--conditions", FEW)
+        with subprocess.Popen([sys.executable, "-m", "eyechart", *map(str, words)], stderr=subprocess.DEVNULL) as child:
+            while server.requests < 100:
+                assert child.poll() is None
+                time.sleep(0.01)
+            child.kill()
+        time.sleep(0.1)
+        with Ledger(out / LEDGER) as ledger:
+            finished, before = len(ledger.finished()), server.requests
+        assert 0 < finished < 480
+        eyechart(*words)
+        assert server.requests - before == 480 - finished
+        eyechart(*words)
+        assert server.requests - before == 480 - finished
+    assert score(out).models["openai:m"].motions.finished == 480
+
+
+def test_a_model_that_trembles_is_asked_four_times_and_its_noise_is_measured(
+    bank: FrameBank, prompt: Path, tmp_path: Path
+) -> None:
+    """At temperature 1 two answers to one moment differ; what goes with noise is no use of a channel."""
+    out = tmp_path / "run"
+    with FaultServer([Driver(trembles=0.2)]) as server:
+        more = ("--no-probe", "--conditions", FEW, "--limit", 32, "--temperature", 1)
+        eyechart(*command(bank, out, server, "--prompt", prompt, *more))
+        assert server.requests == 32 * (5 * 4 + 1)
+    found = score(out).models["openai:m"]
+    assert found.drawn
+    assert (found.statistics["noise"].value or 0) > 0.005
+    with FaultServer([Driver(trembles=0.2)]) as server:
+        eyechart(*command(bank, tmp_path / "cold", server, "--prompt", prompt, *more[:-1], 0))
+        assert server.requests == 32 * 6
+    assert score(tmp_path / "cold").models["openai:m"].statistics["noise"].value == 0.0
+
+
+ODD = (
+    ("I'm sorry, I can't help with that.", "stop", "refused"),
+    ('{"steer": 0.1, "spe', "length", "truncated"),
+    ("", "stop", "empty"),
+    ('{"steer": "left", "speed": 1}', "stop", "unparsed: not_a_number"),
+    ('{"steer": 0.1, "speed": "5 km/h"}', "stop", "unparsed: other_unit"),
+    ('{"steer": 0.1} or {"steer": 0.2, "speed": 1}', "stop", "unparsed: several_values"),
+    ('{"steer": 0.1}', "stop", "unparsed: no_answer"),
+    ('{"steer": NaN, "speed": 1}', "stop", "unparsed: not_finite"),
+)
+
+
+def test_each_reply_without_numbers_is_a_row_with_its_reason(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
+    """Nothing is put in its place, and the costs list the words."""
+    out = tmp_path / "run"
+    with FaultServer([Driver(odd=[one[:2] for one in ODD])]) as server:
+        more = ("--no-probe", "--conditions", "real,swapped@cameras", "--concurrency", 1)
+        eyechart(*command(bank, out, server, "--prompt", prompt, *more))
+    missing = score(out).models["openai:m"].motions.missing
+    assert missing == {reason: 10 for _, _, reason in ODD}
+    assert "not_scorable" in verdict(out)["guards"]
+    assert "5 km/h" in eyechart("costs", out, "--unread")
+
+
+def test_a_model_without_a_single_motion_is_set_aside(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
+    """After ten in a row, with its words; a model that refuses is asked to the end."""
+    names = [('{"steer": "hard left", "speed": 1}', "stop")]
+    with FaultServer([Driver(odd=names, driven=1)]) as server:
+        server.faults = [Stubborn(names[0])]
+        words = command(bank, tmp_path / "run", server, "--prompt", prompt, "--no-probe", "--conditions", "real")
+        said = eyechart(*words, code=1)
+        assert "not_a_number" in said
+        assert "hard left" in said
+        assert server.requests < 40
+        server.faults, server.requests = [Stubborn(ODD[0][:2])], 0
+        server.dealt.clear()
+        words = command(bank, tmp_path / "other", server, "--prompt", prompt, "--no-probe", "--conditions", "real")
+        eyechart(*words, code=1)
+        assert server.requests == 80
+
+
+@dataclass
+class Stubborn:
+    """An endpoint that says one thing."""
+
+    said: tuple[str, str]
+
+    async def __call__(self, request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        """Answer one request."""
+        del request, asked, attempt
+        return web.json_response(completion(*self.said, usage={"prompt_tokens": 9, "completion_tokens": 3}))
+
+
+def test_an_endpoint_that_drops_pictures_is_no_finding_about_the_model(
+    bank: FrameBank, prompt: Path, tmp_path: Path
+) -> None:
+    """The probe saw that it is blind: the guard stands where a label would."""
+    out = tmp_path / "run"
+    with FaultServer([Driver(sees=False)]) as server:
+        said = eyechart(*command(bank, out, server, "--prompt", prompt))
+    assert "did not see the probe's pictures" in said
+    found = verdict(out)
+    assert "picture" in found["guards"]
+    assert (found["camera"], found["answer"]) == ("undecided", "Inconclusive")
+    assert "picture" in eyechart("gate", out, "--require", "looks", code=1)
+
+
+def test_ollama_is_asked_without_a_prompt_by_plain_words(bank: FrameBank, tmp_path: Path) -> None:
+    """The plainest prompt says camera, state, instruction and the form; its rows are read into motions."""
+    out = tmp_path / "run"
+    with Loopback(OllamaDriver().app()) as server:
+        asked = ("--policy", "ollama:tiny", "--base-url", f"http://127.0.0.1:{server.port}", "--frames", bank.root)
+        eyechart("run", "policy", *asked, "--out", out, "--conditions", FEW)
+    found = score(out)
+    (result,) = found.models.values()
+    assert (result.motions.finished, result.motions.missing) == (480, {})
+    assert found.manifest.prompt.user == (
+        "You control a machine by its camera (forward camera of a rover). Its state (pace): {pace}. Your task: {task}. "
+        "Answer with one row of the numbers steer (rad), speed (m/s); each number is a change. Reply with JSON and "
+        'nothing else: {"motion": [[<steer>, <speed>]]}'
+    )
+    assert Prompt.from_dict(json.loads(json.dumps(found.manifest.prompt.as_dict()))) == found.manifest.prompt
+
+
+def test_what_the_words_leave_out_is_neither_exchanged_nor_judged(bank: FrameBank, tmp_path: Path) -> None:
+    """A prompt without the state: no call exchanges it, and its label says so."""
+    file, out = tmp_path / "short.toml", tmp_path / "run"
+    file.write_text(PROMPT.replace("It drives at {pace} m/s now.", ""))
+    with FaultServer([Driver()]) as server:
+        said = eyechart(*command(bank, out, server, "--prompt", file, "--no-probe"))
+    assert "swapped@state, kept@state, because prompt 'drive' does not say the state" in said
+    assert not [name for name in read_run(out)[0].conditions if name.endswith("@state")]
+    assert verdict(out)["state"] == "not_tested"
+    eyechart(*command(bank, out, server, "--prompt", file, "--conditions", "swapped@state"), code=2)
+
+
+def test_python_runs_examines_and_looks_at_the_same_policy(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
+    """By its SPEC or its mode; the doctor of policies says what reaches it, a look says Yes."""
+    with FaultServer([Driver()]) as server:
+        mode = RequestMode("openai:m", base_url=server.base_url)
+        report = run_policies(bank, mode, tmp_path / "run", prompt=str(prompt))
+        assert report["openai:m"].camera.label == "camera_content"
+        known = server.requests
+        run_policies(bank, "openai:m", tmp_path / "run", base_url=server.base_url, prompt=str(prompt), probe=False)
+        assert server.requests == known
+        found = examine_policy(bank, mode, prompt=str(prompt))
+        assert found.exit_code == 0, str(found)
+        words = ("--base-url", server.base_url, "--frames", bank.root, "--prompt", prompt)
+        assert "fine" in eyechart("doctor", "openai:m", *words)
+        assert look("openai:m", frames=bank.root, base_url=server.base_url, out=tmp_path / "look").answer == "Yes"
+
+
+REFUSED = {
+    "a name": ('fields = [{name = "steer"}, {name = "speed"}]', "a controller: 'eyechart run battery"),
+    "lacking": ('fields = [{name = "steer", kind = "number", key = "steer"}]', "the numbers steer, speed"),
+    "unit": (
+        'fields = [{name = "steer", kind = "number", key = "a", unit = "deg"}, '
+        '{name = "speed", kind = "number", key = "b"}]',
+        "let the prompt ask for rad",
+    ),
+    "size": ('fields = [{name = "all", kind = "vector", size = 4}]', "write size = 2"),
+}
+
+
+@pytest.mark.parametrize("fault", REFUSED)
+def test_an_answer_that_is_not_the_banks_motion_is_refused(fault: str, bank: FrameBank, tmp_path: Path) -> None:
+    """Before any call, with the way."""
+    answer, says = REFUSED[fault]
+    file = tmp_path / "drive.toml"
+    file.write_text(f'user = "Drive."\n[answer]\n{answer}\n')
+    asked = ("--policy", "openai:m", "--base-url", "http://127.0.0.1:9", "--frames", bank.root)
+    said = eyechart("run", "policy", *asked, "--out", tmp_path / "run", "--prompt", file, code=2)
+    assert says in " ".join(said.split())
+    assert not (tmp_path / "run").exists()
+
+
+def test_no_step_is_repeated(tmp_path: Path) -> None:
+    """A bank of three steps wants three: a number is refused, a vector of each is read, and rows."""
+    bank, file = rover_bank(tmp_path, horizon=3), tmp_path / "drive.toml"
+    file.write_text(PROMPT)
+    asked = ("--policy", "openai:m", "--base-url", "http://127.0.0.1:9", "--frames", bank.root, "--out", tmp_path / "r")
+    said = eyechart("run", "policy", *asked, "--prompt", file, code=2)
+    assert "1 of the 3 steps of a motion, and no step is repeated" in " ".join(said.split())
+
+
+def test_arrays_and_words_are_not_asked_in_one_run(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
+    """Nor does a policy called here take what asks a model in words."""
+    asked = ("run", "policy", "--policy", "python:arms:middle", "--frames", bank.root, "--out", tmp_path / "run")
+    both = eyechart(*asked, "--policy", "openai:m", code=2)
+    assert "states numbers in words" in both
+    assert "--prompt is for models" in eyechart(*asked, "--prompt", prompt, code=2)
+    assert "would not change 'python:arms:middle'" in eyechart(*asked, "--max-tokens", 5, code=2)
+    assert not (tmp_path / "run").exists()

@@ -14,7 +14,6 @@ from eyechart.channels import (
     STATE,
     TOLD,
     channels_of,
-    instruction_column,
     require_channels,
 )
 from eyechart.conditions import OVER, PARTNERS, find_condition, show
@@ -30,7 +29,7 @@ from eyechart.manifest import LEDGER, RunManifest, asked_of, is_run, read_manife
 from eyechart.models import OpenedModel, open_policy, states
 from eyechart.modes import RequestMode
 from eyechart.planned_run import RunAllowance, RunEnding, calls_ended, forecast
-from eyechart.prompts import Prompt, find_prompt, policy_prompt, require_pictured, says, stated_prompt
+from eyechart.prompts import Prompt, motion_prompt, require_pictured, says
 from eyechart.run import MotionPlan, RunOptions, Stages, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace, require_motions
 from eyechart.stats.total_effect import rounding_tolerance
@@ -184,23 +183,16 @@ def plan(
 
 
 def _prompt_for(bank: FrameBank, specs: Collection[str], file: str | None, out: Path) -> Prompt:
-    """Return the prompt of a run: a policy's instruction, or words that ask a model for numbers."""
-    assert bank.manifest.motion is not None
+    """Return the prompt of a run; without a file that of the run in ``out``, if there is one."""
     in_words = [spec for spec in specs if states(spec)]
     if in_words and len(in_words) < len(specs):
         raise SpecError(
             f"{', '.join(in_words)} states numbers in words, and the other policies return arrays: they are not asked "
             "alike, so run them in two folders; 'eyechart report ONE OTHER' shows both"
         )
-    if not in_words:
-        if file is not None:
-            raise SpecError("--prompt is for models that state numbers in words (openai:, ollama:, hf:): leave it out")
-        return policy_prompt(bank.manifest.motion, instruction_column(bank))
-    if file is None and is_run(out):
+    if in_words and file is None and is_run(out):
         return read_manifest(out).prompt
-    if file is not None and not file.endswith(".toml"):
-        raise SpecError(f"the built-in prompts ask for named actions: give a policy --prompt FILE.toml, not '{file}'")
-    return stated_prompt(bank, None if file is None else find_prompt(file))
+    return motion_prompt(bank, file, in_words=bool(in_words))
 
 
 def shown_conditions(
