@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from eyechart.api import examine_policy, look, run_policies
 from eyechart.cli.app import app
+from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
@@ -45,6 +46,13 @@ def eyechart(*words: object, code: int = 0) -> str:
     done = CliRunner().invoke(app, list(map(str, words)))
     assert done.exit_code == code, done.output
     return done.output
+
+
+def refused(*words: object) -> str:
+    """Run a command that refuses, and return its error."""
+    done = CliRunner().invoke(app, list(map(str, words)))
+    assert isinstance(done.exception, SpecError | BankError), done.output
+    return str(done.exception)
 
 
 def command(bank: FrameBank, out: Path, server: FaultServer, *more: object) -> Sequence[object]:
@@ -190,14 +198,14 @@ def test_an_endpoint_that_drops_pictures_is_no_finding_about_the_model(
     found = verdict(out)
     assert "picture" in found["guards"]
     assert (found["camera"], found["answer"]) == ("undecided", "Inconclusive")
-    assert "picture" in eyechart("gate", out, "--require", "looks", code=1)
+    assert "picture" in eyechart("gate", out, "--require", "looks", code=2)
 
 
 def test_ollama_is_asked_without_a_prompt_by_plain_words(bank: FrameBank, tmp_path: Path) -> None:
     """The plainest prompt says camera, state, instruction and the form; its rows are read into motions."""
     out = tmp_path / "run"
     with Loopback(OllamaDriver().app()) as server:
-        asked = ("--policy", "ollama:tiny", "--base-url", f"http://127.0.0.1:{server.port}", "--frames", bank.root)
+        asked = ("--policy", "ollama:llava", "--base-url", f"http://127.0.0.1:{server.port}", "--frames", bank.root)
         eyechart("run", "policy", *asked, "--out", out, "--conditions", FEW)
     found = score(out)
     (result,) = found.models.values()
@@ -218,8 +226,11 @@ def test_what_the_words_leave_out_is_neither_exchanged_nor_judged(bank: FrameBan
         said = eyechart(*command(bank, out, server, "--prompt", file, "--no-probe"))
     assert "swapped@state, kept@state, because prompt 'drive' does not say the state" in said
     assert not [name for name in read_run(out)[0].conditions if name.endswith("@state")]
-    assert verdict(out)["state"] == "not_tested"
-    eyechart(*command(bank, out, server, "--prompt", file, "--conditions", "swapped@state"), code=2)
+    found = verdict(out)
+    assert found["state"] == "undecided"
+    assert "prompt 'drive' does not say the state" in str(found["axes"])
+    asked = command(bank, tmp_path / "other", server, "--prompt", file, "--conditions", "kept@state")
+    assert "prompt 'drive' does not say the state" in refused(*asked)
 
 
 def test_python_runs_examines_and_looks_at_the_same_policy(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
@@ -235,15 +246,20 @@ def test_python_runs_examines_and_looks_at_the_same_policy(bank: FrameBank, prom
         assert found.exit_code == 0, str(found)
         words = ("--base-url", server.base_url, "--frames", bank.root, "--prompt", prompt)
         assert "fine" in eyechart("doctor", "openai:m", *words)
-        assert look("openai:m", frames=bank.root, base_url=server.base_url, out=tmp_path / "look").answer == "Yes"
+        assert (
+            look("openai:m", bank=bank.root, prompt=str(prompt), base_url=server.base_url, out=tmp_path / "look").answer
+            == "Yes"
+        )
 
 
 REFUSED = {
-    "a name": ('fields = [{name = "steer"}, {name = "speed"}]', "a controller: 'eyechart run battery"),
+    "a name": (
+        'fields = [{name = "steer", key = "steer", values = ["LEFT", "RIGHT"]}]',
+        "a controller: 'eyechart run battery",
+    ),
     "lacking": ('fields = [{name = "steer", kind = "number", key = "steer"}]', "the numbers steer, speed"),
     "unit": (
-        'fields = [{name = "steer", kind = "number", key = "a", unit = "deg"}, '
-        '{name = "speed", kind = "number", key = "b"}]',
+        'fields = [{name = "steer", kind = "number", key = "a", unit = "deg"}, {name = "speed", key = "b", kind = "number"}]',
         "let the prompt ask for rad",
     ),
     "size": ('fields = [{name = "all", kind = "vector", size = 4}]', "write size = 2"),
@@ -257,8 +273,7 @@ def test_an_answer_that_is_not_the_banks_motion_is_refused(fault: str, bank: Fra
     file = tmp_path / "drive.toml"
     file.write_text(f'user = "Drive."\n[answer]\n{answer}\n')
     asked = ("--policy", "openai:m", "--base-url", "http://127.0.0.1:9", "--frames", bank.root)
-    said = eyechart("run", "policy", *asked, "--out", tmp_path / "run", "--prompt", file, code=2)
-    assert says in " ".join(said.split())
+    assert says in refused("run", "policy", *asked, "--out", tmp_path / "run", "--prompt", file)
     assert not (tmp_path / "run").exists()
 
 
@@ -267,15 +282,19 @@ def test_no_step_is_repeated(tmp_path: Path) -> None:
     bank, file = rover_bank(tmp_path, horizon=3), tmp_path / "drive.toml"
     file.write_text(PROMPT)
     asked = ("--policy", "openai:m", "--base-url", "http://127.0.0.1:9", "--frames", bank.root, "--out", tmp_path / "r")
-    said = eyechart("run", "policy", *asked, "--prompt", file, code=2)
-    assert "1 of the 3 steps of a motion, and no step is repeated" in " ".join(said.split())
+    said = refused("run", "policy", *asked, "--prompt", file)
+    assert "1 of the 3 steps of a motion, and no step is repeated" in said
 
 
 def test_arrays_and_words_are_not_asked_in_one_run(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
     """Nor does a policy called here take what asks a model in words."""
     asked = ("run", "policy", "--policy", "python:arms:middle", "--frames", bank.root, "--out", tmp_path / "run")
-    both = eyechart(*asked, "--policy", "openai:m", code=2)
-    assert "states numbers in words" in both
-    assert "--prompt is for models" in eyechart(*asked, "--prompt", prompt, code=2)
-    assert "would not change 'python:arms:middle'" in eyechart(*asked, "--max-tokens", 5, code=2)
+    with FaultServer([Driver()]) as server:
+        words = refused(*asked, "--policy", "openai:m", "--base-url", server.base_url)
+    assert "base_url would not change 'python:arms:middle'" in words
+    assert "--prompt is for models" in refused(*asked, "--prompt", prompt)
+    assert "max_tokens would not change 'python:arms:middle'" in refused(*asked, "--max-tokens", 5)
+    mode = tmp_path / "mode.toml"
+    mode.write_text('spec = "openai:m"\nbase_url = "http://127.0.0.1:9/v1"\n')
+    assert "states numbers in words" in refused(*asked, "--mode", mode)
     assert not (tmp_path / "run").exists()

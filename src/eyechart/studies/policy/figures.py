@@ -349,11 +349,8 @@ def _moment(
     on_a_plane = len(space.axes) > 1
     with style():
         figure = paths(seen, space, lines) if on_a_plane else curves(seen, space, lines, found.scales)
-    told = (
-        f"told “{frame.fields[column]}”"
-        if (column := instruction_column(found.plan.bank))
-        else "without an instruction"
-    )
+    column = instruction_column(found.plan.bank)
+    told = "without an instruction" if column is None else f"told “{frame.fields[column]}”"
     says = "Its own motion, and its motion with one input changed: "
     note = " ".join(filter(None, (_read_as(space, on_a_plane=on_a_plane), _of_answers(found), why)))
     return Drawing(

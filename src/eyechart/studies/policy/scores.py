@@ -1,10 +1,10 @@
 """Scoring: from a ledger of motions to each policy's statistics; it only reads."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
+from eyechart.channels import CAMERA, CAMERAS, channels_of
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
@@ -13,7 +13,6 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models import states
 from eyechart.models.prices import Prices, read_prices
-from eyechart.prompts import says
 from eyechart.records import KeyedRecord
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import MOTION_READER
@@ -70,9 +69,8 @@ class PolicyScore(KeyedRecord):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Return the channels of the bank, as far as the prompt says them."""
-        unsaid = {STATE, INSTRUCTION} - says(self.manifest.prompt, self.bank)
-        return tuple(name for name in channels_of(self.bank) if name not in unsaid)
+        """Return the channels of the bank."""
+        return channels_of(self.bank)
 
     def measured(self) -> tuple[ModelStatistics, ...]:
         """Return the statistics of every policy on the bank."""
@@ -158,11 +156,19 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
         )
         for spec, model in found.models.items()
     }
-    failed = {
-        spec: {one.name: one.because for one in guards if one.name in _ON_THE_WAY and one.holds is False}
-        for spec, guards in found.guards.items()
-    }
-    return {spec: not_arrived(one, why) if (why := failed.get(spec)) else one for spec, one in verdicts.items()}
+    return {spec: _as_it_arrived(one, found.guards.get(spec, ())) for spec, one in verdicts.items()}
+
+
+def _as_it_arrived(verdict: PolicyVerdict, guards: Sequence[Guard]) -> PolicyVerdict:
+    """Return a verdict as far as the guards of the way to a model allow it.
+
+    Answers that follow the run's own pictures prove that these arrived, whatever a probe saw.
+    """
+    failed = {one.name: one.because for one in guards if one.name in _ON_THE_WAY and one.holds is False}
+    if verdict.answer in {"Yes", "In part"} and (why := failed.pop("picture", "")):
+        remark = f"its answers follow its pictures here, although guard 'picture' failed: {why}"
+        verdict = replace(verdict, remarks=(*verdict.remarks, remark))
+    return not_arrived(verdict, failed) if failed else verdict
 
 
 def judged_json(found: PolicyScore) -> dict[str, dict[str, object]]:
