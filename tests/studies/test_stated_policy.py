@@ -246,10 +246,8 @@ def test_python_runs_examines_and_looks_at_the_same_policy(bank: FrameBank, prom
         assert found.exit_code == 0, str(found)
         words = ("--base-url", server.base_url, "--frames", bank.root, "--prompt", prompt)
         assert "fine" in eyechart("doctor", "openai:m", *words)
-        assert (
-            look("openai:m", bank=bank.root, prompt=str(prompt), base_url=server.base_url, out=tmp_path / "look").answer
-            == "Yes"
-        )
+        seen = look("openai:m", bank=bank.root, prompt=str(prompt), base_url=server.base_url, out=tmp_path / "look")
+        assert (seen.answer, seen.label) == ("Yes", "camera_content")
 
 
 REFUSED = {
@@ -259,7 +257,9 @@ REFUSED = {
     ),
     "lacking": ('fields = [{name = "steer", kind = "number", key = "steer"}]', "the numbers steer, speed"),
     "unit": (
-        'fields = [{name = "steer", kind = "number", key = "a", unit = "deg"}, {name = "speed", key = "b", kind = "number"}]',
+        'fields = [{name = "steer", kind = "number", key = "a", unit = "deg"}, SPEED]'.replace(
+            "SPEED", '{name = "speed", kind = "number", key = "b"}'
+        ),
         "let the prompt ask for rad",
     ),
     "size": ('fields = [{name = "all", kind = "vector", size = 4}]', "write size = 2"),
