@@ -4,7 +4,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +20,10 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt
+from eyechart.studies.battery.scores import score as battery_score
 from eyechart.studies.policy.scores import score
 from faults import FaultServer, Loopback, completion
+from seeing import read
 from steering import PROMPT, Driver, OllamaDriver, rover_bank
 
 FEW = "real,real_repeat,nudged,swapped@cameras,swapped@state,swapped@instruction"
@@ -298,3 +300,53 @@ def test_arrays_and_words_are_not_asked_in_one_run(bank: FrameBank, prompt: Path
     mode.write_text('spec = "openai:m"\nbase_url = "http://127.0.0.1:9/v1"\n')
     assert "states numbers in words" in refused(*asked, "--mode", mode)
     assert not (tmp_path / "run").exists()
+
+
+NAMES = """
+user = "Steer LEFT or RIGHT. It drives at {pace} m/s now. Your task: {task}."
+[answer]
+fields = [{name = "steer", values = ["LEFT", "RIGHT"], mirror_pairs = [["LEFT", "RIGHT"]]}]
+"""
+
+
+def test_a_model_that_answers_with_names_is_a_controller_on_the_same_bank(bank: FrameBank, tmp_path: Path) -> None:
+    """The battery asks it, states the state in words, and exchanges it with the words."""
+    file, out, said = tmp_path / "names.toml", tmp_path / "run", []
+    file.write_text(NAMES)
+
+    async def answer_by_pace(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        del request, attempt
+        words = read(asked)[0]
+        said.append(words)
+        fast = float(words.split("drives at ")[1].split()[0]) > 1.5
+        return web.json_response(completion("LEFT" if fast else "RIGHT", "stop"))
+
+    with FaultServer([answer_by_pace]) as server:
+        asked = ("--model", "openai:m", "--base-url", server.base_url, "--frames", bank.root, "--prompt", file)
+        more = ("--no-probe", "--controls", "none", "--conditions", "real,real_repeat,blank,shuffled,text_swapped")
+        eyechart("run", "battery", *asked, "--out", out, *more)
+    answers = battery_score(out, resamples=50).models["openai:m"].answers
+    assert len(said) == 5 * len(bank)
+    assert (answers.actions("real") == answers.actions("shuffled")).all()
+    assert (answers.actions("real") != answers.actions("text_swapped")).any()
+
+
+def by_name(images: object, state: object, instruction: object) -> object:
+    """Answer with the name of an action, as a controller does."""
+    del images, state, instruction
+    return "LEFT"
+
+
+def in_parts(images: object, state: object, instruction: object) -> object:
+    """Answer with names by their parts."""
+    del images, state, instruction
+    return {"steer": "LEFT", "speed": "SLOW"}
+
+
+@pytest.mark.parametrize("act", [by_name, in_parts])
+def test_a_callable_that_answers_with_names_is_sent_to_the_battery(
+    act: Callable[..., object], bank: FrameBank, tmp_path: Path
+) -> None:
+    """By the sentence of its set-aside, in a command that takes it."""
+    with pytest.warns(UserWarning, match="is a controller: let it take .prompt, image., and ask it with 'eyechart run"):
+        run_policies(bank, {"names": act}, tmp_path / "run", conditions=["real"])
