@@ -25,7 +25,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel release bench long-compare long-demo long-speed long-adversaries long-noise long-calls long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel release bench long-compare long-demo long-speed long-adversaries long-noise long-calls long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -61,6 +61,7 @@ help:
 	@echo "make long-watch  a run with --watch and one without beside a slow server, in pairs: first answers, processor time"
 	@echo "make long-page   the page of 20 models on 288 frames under 15 conditions: its size, and the time to open it in Chromium"
 	@echo "make long-serve   a served guardian under hostile load, against the table of classes of replies"
+	@echo "make long-series   series of corruptions on readers of known acuity: is the last step found?"
 	@echo "make long-endpoints  doctor, probe, battery and verdict on every way of serving (LITELLM=, TRANSFORMERS=, LLAMA=, URL=)"
 	@echo "make long-gpu    the arm of Transformers on a GPU: labels of the CPU, ways of loading, memory, energy, faults"
 	@echo "make long-inspect a battery under Inspect AI, and one asked by hand from a table, against the native run, by statistic"
@@ -225,6 +226,9 @@ long-replies: $(CORE)
 
 long-marks: $(CORE)
 	$(BIN)/python benchmarks/kept_replies.py
+
+long-series: $(CORE)
+	$(BIN)/python benchmarks/series_acuity.py
 
 long-faults: $(CORE)
 	$(BIN)/python benchmarks/broken_roads_run.py

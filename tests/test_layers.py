@@ -28,10 +28,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("models", "simulators", "policies", "ledger", "prompts", "importing", "limits", "stimuli"),
     ("perception", "mpc"),
     ("calls", "conditions", "modes"),
-    ("channels", "messages"),
+    ("channels", "messages", "corruptions"),
     ("frames",),
     ("spaces",),
-    ("stats", "cameras", "event_loops", "formats"),
+    ("stats", "cameras", "event_loops", "formats", "clusters"),
     ("errors", "seeds", "records", "keys"),
     ("regexes", "processes", "scratch"),
 )

@@ -14,7 +14,8 @@ from typing import Any, ClassVar, Self, TypeVar
 
 from eyechart import __version__
 from eyechart.conditions import find_condition
-from eyechart.errors import LedgerError, SpecError, raising, text_file, why
+from eyechart.corruptions import CORRUPTIONS
+from eyechart.errors import LedgerError, SpecError, raising, require_known, text_file, why
 from eyechart.frames import BankManifest, FrameBank, locked, open_bank, read_bank_manifest
 from eyechart.limits import NOTHING, Limits, Usage, added
 from eyechart.models.prices import Prices
@@ -231,6 +232,8 @@ class RunManifest(Manifest):
     ``auto``, those that each model's answers need, in later stages; or all, among ``conditions``.
     ``controls_seed`` is the seed of the bank's controls, or None. ``answers`` is the number of
     answers per question from a sampling policy. ``encoding`` says how pictures are sent.
+    ``series`` are corruptions whose steps follow in later stages.
+    ``series`` are corruptions whose steps are asked in later stages.
     """
 
     FORMAT = "eyechart-run/2"
@@ -250,7 +253,7 @@ class RunManifest(Manifest):
         "encoding",
         "reader",
     )
-    GROWS = ("conditions",)
+    GROWS = ("conditions", "series")
 
     study: str
     created: str
@@ -274,6 +277,7 @@ class RunManifest(Manifest):
     controls_seed: int | None = None
     answers: int = 1
     encoding: str = STORED
+    series: tuple[str, ...] = ()
 
     def require_reader(self, path: Path, known: tuple[int, ...], *, reread: bool) -> None:
         """Raise LedgerError if the run's reader version is not ``known`` (today's is last).
@@ -587,6 +591,8 @@ def _require_legal(manifest: RunManifest) -> None:
         find_condition(condition, manifest.prompt.who)
     if manifest.controls not in CONTROLS_ASKED:
         raise ValueError(f"controls {manifest.controls!r} is not one of {', '.join(CONTROLS_ASKED)}")
+    for name in manifest.series:
+        require_known("corruption", name, CORRUPTIONS)
     if manifest.encoding not in ENCODINGS:
         raise ValueError(f"encoding {manifest.encoding!r} is not one of {', '.join(ENCODINGS)}")
     if manifest.shard is not None and not 1 <= manifest.shard[0] <= manifest.shard[1]:

@@ -37,7 +37,9 @@ class RunAllowance:
     ``again`` retries calls that failed in transport. ``sequential`` asks models one after another
     (`eyechart.models.sequential_groups`). ``processes`` hold the worlds of drives. ``watch`` shows
     a page during the run. ``moved`` allows another address of a model. ``no_probe`` skips probing.
-    ``before`` was spent outside the run and counts towards its limits.
+    ``before`` was spent outside the run and counts towards its limits. With the ``engine`` "ray",
+    so many ``workers`` of a cluster hold each model, and each claims ``gpus``; ``concurrency`` is
+    then that of each.
     """
 
     prices: Prices
@@ -53,6 +55,13 @@ class RunAllowance:
     again: bool = False
     processes: int = 1
     before: Usage = NOTHING
+    engine: str = "local"
+    workers: int = 1
+    gpus: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.engine == "local" and (self.workers, self.gpus) != (1, 0.0):
+            raise SpecError("--workers and --gpus are those of a cluster: give --engine ray too")
 
     def limits(self, manifest: Manifest) -> Limits:
         """Return the limits of one run."""

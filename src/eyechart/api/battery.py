@@ -24,6 +24,7 @@ from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatteryScore, BatterySelection
+from eyechart.studies.battery.series import read_series
 from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
 from eyechart.verdicts import Verdict, judge, words_of
 
@@ -128,10 +129,14 @@ class _BatteryOptions(_Mode, total=False):
     seed: int
     limit: int | None
     controls: str | None
+    series: Sequence[str] | str | None
     again: bool
     accept_loss: bool
     moved: bool
     sequential: bool | None
+    engine: str
+    workers: int
+    gpus: float
 
 
 @speaks_of_arguments
@@ -154,11 +159,12 @@ def run_battery(
     f}`` is ``python:mine``). A model that is served elsewhere and given by its SPEC is probed
     first, once per run, unless ``probe`` is false.
 
-    ``prompt``, ``conditions``, ``seed``, ``limit`` and ``controls`` are those of ``eyechart run
-    battery``. ``again`` retries calls that failed in transport. ``accept_loss`` continues although
+    ``prompt``, ``conditions``, ``seed``, ``limit``, ``controls`` and ``series`` are those of
+    ``eyechart run battery``. ``again`` retries calls that failed in transport. ``accept_loss`` continues although
     the ledger lost finished calls. ``moved`` continues although addresses, keys or headers of
     models changed. ``sequential`` asks models one after another, with only one open at a time; that
-    is the default for local models (``hf:``, ``ollama:``).
+    is the default for local models (``hf:``, ``ollama:``). With ``engine="ray"``, so many
+    ``workers`` of the cluster of RAY_ADDRESS hold each model, and each claims ``gpus``.
 
     ``base_url``, ``max_tokens``, ``temperature`` and the other fields of a
     `eyechart.modes.RequestMode` (all but ``seed``) apply to models that are not given by a request
@@ -179,10 +185,13 @@ def run_battery(
         named["seed"] = whole_number("seed", named["seed"], 0)
     limit = named.pop("limit", None)
     extent = BatterySelection(
-        None if limit is None else whole_number("limit", limit, 1), controls=named.pop("controls", None)
+        None if limit is None else whole_number("limit", limit, 1),
+        controls=named.pop("controls", None),
+        series=() if (series := named.pop("series", None)) is None else read_series(series),
     )
     again, moved = named.pop("again", False), named.pop("moved", False)
     sequential = named.pop("sequential", None)
+    cluster = {name: named.pop(name) for name in ("engine", "workers", "gpus") if name in named}
     if sequential not in (True, False, None):
         raise SpecError(f"sequential must be True, False or None, not {sequential!r}")
     if named.pop("accept_loss", False):
@@ -192,7 +201,7 @@ def run_battery(
         return battery.plan(root, [held.get(mode.spec, mode) for mode in modes], place, extent=extent, **named)
 
     bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
-    allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds)
+    allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds, **cluster)
     runmodes = RunModes(modes, by_option, how)
     planned = plan_probed(Planner(plan, [place]), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
     assert planned is not None  # a failed probe raises before this

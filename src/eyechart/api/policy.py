@@ -93,6 +93,9 @@ class _PolicyOptions(_Mode, total=False):
     probe: bool
     again: bool
     accept_loss: bool
+    engine: str
+    workers: int
+    gpus: float
 
 
 @speaks_of_arguments
@@ -117,8 +120,9 @@ def run_policies(
     (4). ``shapley`` asks about every subset of the channels. ``conditions`` (default: all that the
     bank can show) and ``seed`` are those of `eyechart.studies.policy.plan`. The run stops at
     ``max_calls``, or at ``max_cost`` US dollars. ``again`` retries calls that failed in transport.
-    ``accept_loss`` continues although the ledger lost finished calls. ``progress`` gets (calls
-    done, total).
+    With ``engine="ray"``, so many ``workers`` of the cluster of RAY_ADDRESS hold each policy, and
+    each claims ``gpus``. ``accept_loss`` continues although the ledger lost finished calls.
+    ``progress`` gets (calls done, total).
 
     A served model that states a motion in words (``openai:``, ``ollama:``, ``hf:``) is a policy too.
     ``prompt`` is the TOML file that asks it; ``concurrency`` (8) calls are made at once. Given by
@@ -164,7 +168,13 @@ def run_policies(
     at_once = whole_number("concurrency", asking.get("concurrency", 8 if any(map(_states, modes)) else 1), 1)
     bounds: dict[str, Any] = {"max_calls": most, "max_cost": asking.get("max_cost"), "concurrency": at_once}
     allowed = RunAllowance(
-        read_prices(), no_probe=not asking.get("probe", True), again=asking.get("again", False), **bounds
+        read_prices(),
+        no_probe=not asking.get("probe", True),
+        again=asking.get("again", False),
+        engine=asking.get("engine", "local"),
+        workers=whole_number("workers", asking.get("workers", 1), 1),
+        gpus=asking.get("gpus", 0.0),
+        **bounds,
     )
     runmodes = RunModes(modes, by_option, how)
     planned = plan_probed(Planner(plan, [place]), runmodes, allowed, partial(_ask, fixed=[*how]))[0]

@@ -6,13 +6,14 @@ Results of these settings: docs/decisions/policies.md.
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from itertools import islice
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.clusters import Workers
 from eyechart.errors import SpecError
-from eyechart.processes import open_pool
 from eyechart.records import JsonRecord
 from eyechart.report.table import Column, Table
 from eyechart.seeds import key_seed
@@ -223,12 +224,13 @@ def try_rules(
     processes: int = 1,
     chosen: Sequence[str] | None = None,
     exact: bool = False,
+    engine: str = "local",
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[LabelCounts]:
     """Yield the results of the rules in every setting, or in those named by ``chosen``.
 
     ``chosen`` holds parts of names, or whole names if ``exact``. The result does not depend on
-    ``processes``. Raises SpecError if no setting matches.
+    ``processes`` or ``engine``. Raises SpecError if no setting matches.
     """
     every = list(settings())
     named = [one.name for one in every]
@@ -238,17 +240,28 @@ def try_rules(
         names = ", ".join(chosen or ())
         raise SpecError(f"no setting of policies matches {names}; the first of {len(named)} is {named[0]!r}")
     parts = [(start, min(_BATCH, draws - start)) for start in range(0, draws, _BATCH)]
-    with open_pool(processes) as pool:
+    batches = [_Batch(setting, seed, *part) for setting in every for part in parts]
+    with Workers(processes, engine).mapped(_counted, batches) as found:
         for place, setting in enumerate(every):
             labels: Counter[str] = Counter()
-            for counted in pool.map(partial(_batch, setting, seed), *zip(*parts, strict=True)):
+            for counted in islice(found, len(parts)):
                 labels.update(counted)
             if progress is not None:
                 progress(place + 1, len(every))
             yield LabelCounts(setting, dict(labels), draws)
 
 
-def _batch(setting: PolicySetting, seed: int, start: int, count: int) -> Counter[str]:
+class _Batch(NamedTuple):
+    """So many draws of a setting, from ``start`` on."""
+
+    setting: PolicySetting
+    seed: int
+    start: int
+    draws: int
+
+
+def _counted(batch: _Batch) -> Counter[str]:
+    setting, seed, start, count = batch
     result: Counter[str] = Counter()
     for number in range(start, start + count):
         result.update(labels_of(setting, np.random.default_rng(key_seed("policies", seed, setting.name, number))))
@@ -482,11 +495,11 @@ def power(
     for kind, base in kinds.items():
         for share in SHARES:
             setting = replace(base, share=share, episodes=episodes, frames=max(frames, episodes))
-            labels = _batch(setting, 0, 0, draws)
+            labels = _counted(_Batch(setting, 0, 0, draws))
             uses = sum(labels[label] for label in _USES)
             if told < frames:
                 fewer = replace(setting, episodes=max(of, LEAST_SIMULATED), frames=max(told, LEAST_SIMULATED))
-                by_match = _batch(fewer, 0, 0, draws) if told else Counter[str]()
+                by_match = _counted(_Batch(fewer, 0, 0, draws)) if told else Counter[str]()
                 uses = labels["camera_presence"] + by_match["camera_content"] + by_match["pose_only"]
             said.setdefault(kind, {})[f"{share:g}"] = labels["ignores_camera"] / draws, uses / draws
     return PolicyPower(episodes, frames, calls, left_out, said, draws, told)

@@ -1,8 +1,8 @@
 """One replication: a simulated bank, all known controllers on it, and both sets of rules."""
 
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -26,11 +26,11 @@ from eyechart.calibrate.known_answers import (
 from eyechart.calibrate.tally import AdversaryTrial, Calibration, ReplicationOutcome, RuleOutcome, label_counts, tally
 from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
+from eyechart.clusters import Workers, require_engine
 from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
 from eyechart.errors import SpecError, require_known
 from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import Answer
-from eyechart.processes import open_pool
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
@@ -76,10 +76,12 @@ def calibrate(
     settings: Sequence[str] | None = None,
     progress: Progress | None = None,
     keep: Path | None = None,
+    engine: str = "local",
 ) -> Calibration:
     """Simulate ``replications`` banks of every setting and judge all known controllers on each.
 
-    The result depends on the seed alone, not on ``processes``. ``progress`` gets (banks done,
+    The result depends on the seed alone, not on ``processes`` or ``engine``: processes of this
+    machine ("local"), or tasks on a cluster ("ray"). ``progress`` gets (banks done,
     total). ``keep`` is a file of finished banks: they are not simulated again, and new ones are
     appended. Raises SpecError for an unknown setting, a number below 1, a file with other content,
     or if ``eyechart-organisms`` is not installed.
@@ -91,7 +93,9 @@ def calibrate(
     if replications < 1 or processes < 1:
         raise SpecError(f"give 1 or more replications and processes, not {replications} and {processes}")
     tasks = [Task(name, number, seed) for number in range(replications) for name in chosen]
-    made = _make(tasks, processes, {} if keep is None else _kept(keep, seed), keep, progress)
+    require_engine(engine)
+    workers = Workers(processes, engine)
+    made = _make(tasks, workers, {} if keep is None else _kept(keep, seed), keep, progress)
     outcomes = [(task.setting, made[task].outcomes) for task in tasks]
     counted = tally(outcomes, settings=chosen, replications=replications, seed=seed, resamples=RESAMPLES)
     ever = zip(*(made[task].rejected for task in tasks if made[task].rejected), strict=True)
@@ -101,7 +105,7 @@ def calibrate(
 
 def _make(
     tasks: Sequence[Task],
-    processes: int,
+    workers: Workers,
     known: Mapping[Task, ReplicationResult],
     keep: Path | None,
     progress: Progress | None,
@@ -110,7 +114,7 @@ def _make(
     result, todo = dict(known), [task for task in tasks if task not in known]
     with ExitStack() as opened:
         file = None if keep is None else opened.enter_context(keep.open("ab"))
-        made_now = zip(todo, opened.enter_context(_mapped(todo, processes)), strict=True)
+        made_now = zip(todo, opened.enter_context(workers.mapped(_whole, todo)), strict=True)
         for done, (task, made) in enumerate(made_now, len(tasks) - len(todo) + 1):
             result[task] = made
             if file is not None:
@@ -142,16 +146,6 @@ def _kept(file: Path, seed: int) -> dict[Task, ReplicationResult]:
         return dict(msgspec.json.decode(line, type=tuple[Task, ReplicationResult]) for line in whole.splitlines()[1:])
     except (OSError, msgspec.MsgspecError) as error:
         raise SpecError(f"{file}: {error}") from None
-
-
-@contextmanager
-def _mapped(tasks: Sequence[Task], processes: int) -> Iterator[Iterator[ReplicationResult]]:
-    """Yield the results of tasks in their order, from this process or several others."""
-    if processes == 1:
-        yield map(_whole, tasks)
-        return
-    with open_pool(processes) as pool:
-        yield pool.map(_whole, tasks)
 
 
 def _whole(task: Task) -> ReplicationResult:

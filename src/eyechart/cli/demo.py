@@ -163,6 +163,9 @@ def calibrate(
     keep: Annotated[
         Path | None, typer.Option(help="Keep each bank's outcome in this file, and continue from it.", dir_okay=False)
     ] = None,
+    engine: Annotated[
+        str, typer.Option(help="Where banks are simulated: local, or ray, as tasks on the cluster of RAY_ADDRESS.")
+    ] = "local",
     json: Json = False,
 ) -> None:
     """Try the battery's tests and both sets of rules on simulated controllers with known answers.
@@ -176,7 +179,7 @@ def calibrate(
     if policies:
         if keep is not None:
             raise SpecError("--keep is for the banks of controllers; --policies always starts anew: leave out --keep")
-        _calibrate_policies(replications, seed, processes, setting, json=json)
+        _calibrate_policies(replications, seed, processes, setting, engine=engine, json=json)
         return
     from eyechart.calibrate import calibrate as run
     from eyechart.calibrate.table import tables
@@ -189,18 +192,23 @@ def calibrate(
             settings=setting or None,
             progress=move,
             keep=keep,
+            engine=engine,
         )
     print_json(found.as_dict()) if json else print_line(tables(found))
     if found.misses():
         raise typer.Exit(1)
 
 
-def _calibrate_policies(draws: int, seed: int, processes: int, chosen: list[str] | None, *, json: bool) -> None:
+def _calibrate_policies(
+    draws: int, seed: int, processes: int, chosen: list[str] | None, *, engine: str, json: bool
+) -> None:
     """Print how often each setting got each label; exit 1 if a false one is too frequent."""
     from eyechart.calibrate import policies as simulated
 
     with progress("settings", "settings") as move:
-        tried = list(simulated.try_rules(draws, seed=seed, processes=processes, chosen=chosen, progress=move))
+        tried = list(
+            simulated.try_rules(draws, seed=seed, processes=processes, chosen=chosen, engine=engine, progress=move)
+        )
     print_json([rule.as_dict() for rule in tried]) if json else print_each([simulated.table(tried)], 200)
     if any(rule.missed for rule in tried):
         raise typer.Exit(1)

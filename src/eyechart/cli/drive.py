@@ -84,9 +84,10 @@ def closed_loop(
     drives
     """
     from eyechart import episodes as study
+    from eyechart.clusters import require_engine
 
     if not making.dry_run:
-        study.require_engine(engine)
+        require_engine(engine)
 
     def planned(drivers: "Sequence[str | RequestMode]") -> "EpisodesRun":
         shown = condition or study.usual_conditions(drivers, out)

@@ -170,6 +170,25 @@ AS_USUAL = RequestOptions()
 
 
 @dataclass(frozen=True)
+class ClusterOptions:
+    """Where a run asks its models."""
+
+    engine: Annotated[
+        str, typer.Option(help="Where models are asked: local, or ray, by actors on the cluster of RAY_ADDRESS.")
+    ] = "local"
+    workers: Annotated[int, typer.Option(min=1, help="With --engine ray: actors that hold each model.")] = 1
+    gpus: Annotated[float, typer.Option(min=0, help="With --engine ray: GPUs that each actor claims, as 1 or 0.5.")] = 0
+
+
+@dataclass(frozen=True)
+class NoClusterOptions:
+    """No options: the models of drives are asked by the coordinator."""
+
+
+ON_THIS_MACHINE = ClusterOptions()
+
+
+@dataclass(frozen=True)
 class ModelRunOptions:
     """How a run asks its models, how many calls run at once, and what it may spend."""
 
@@ -178,6 +197,7 @@ class ModelRunOptions:
     spending: CostLimits = NO_LIMIT
     again: AskAgain = False
     dry_run: DryRun = False
+    cluster: ClusterOptions = ON_THIS_MACHINE
 
     def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None) -> "RunModes":
         """Return the request modes of a command's models, as `read_modes` does."""
@@ -185,7 +205,7 @@ class ModelRunOptions:
 
     def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of RunAllowance
         """Return what a command allows its run, as `CostLimits` does."""
-        at_once = {"concurrency": self.concurrency, "again": self.again}
+        at_once = {"concurrency": self.concurrency, "again": self.again, **vars(self.cluster)}
         return self.spending.allowed(out, dry_run=self.dry_run, **at_once, **more)
 
 
@@ -203,6 +223,7 @@ class DriveOptions(ModelRunOptions):
     concurrency: Episodes = 8
     again: DriveAgain = False
     dry_run: DryDrive = False
+    cluster: NoClusterOptions = NoClusterOptions()  # type: ignore[assignment]
 
 
 @dataclass(frozen=True)
@@ -217,7 +238,7 @@ class PolicyRunOptions(ModelRunOptions):
     def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - as in ModelRunOptions
         """Return what a command allows its run; ``in_words`` says that models answer in words."""
         usual = 8 if more.pop("in_words") else 1
-        at_once = {"concurrency": self.concurrency or usual, "again": self.again}
+        at_once = {"concurrency": self.concurrency or usual, "again": self.again, **vars(self.cluster)}
         return self.spending.allowed(out, dry_run=self.dry_run, **at_once, **more)
 
 

@@ -83,6 +83,13 @@ def battery(
     stop_early: Annotated[
         bool, typer.Option("--stop-early", help="Stop asking a model when its verdict is settled; see below.")
     ] = False,
+    series: Annotated[
+        str | None,
+        typer.Option(
+            help="Corruptions with commas, or all: how far down fog, rain, night, sun, blur, grain, jpeg, pixels, dirt "
+            "or exposure its effect holds. At most three of five steps are asked of each."
+        ),
+    ] = None,
     fresh_controls: Annotated[
         bool,
         typer.Option("--fresh-controls", help="Draw the distances of the control pictures anew, only for this run."),
@@ -97,13 +104,18 @@ def battery(
     """
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
+    from eyechart.studies.battery.series import read_series
     from eyechart.studies.probes import Planner
 
+    corruptions = () if series is None else read_series(series)
     asked_about = _with_fresh_controls(frames, out, shard, dry_run=making.dry_run) if fresh_controls else frames
 
     def planned(modes: "Sequence[RequestMode]") -> "Battery":
         part = None if shard is None else read_shard(shard)
-        extent, names = study.BatterySelection(limit, part, stop_early, controls), options.names(conditions)
+        extent, names = (
+            study.BatterySelection(limit, part, stop_early, controls, corruptions),
+            options.names(conditions),
+        )
         return study.plan(asked_about, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
+from eyechart.corruptions import CORRUPTIONS, STEPS, Corruption, step_of
 from eyechart.errors import BankError, SpecError, did_you_mean, require_known
 from eyechart.frames import RGB, Camera, Frame, Source, Stimulus, decode, encode, stored
 from eyechart.seeds import key_seed
@@ -15,7 +16,8 @@ from eyechart.stats.partners import NOBODY
 
 MID_GREY = 128
 OVER = "@"
-"""Separates a condition from its camera or channel: ``blank@wrist``, ``swapped@state``."""
+"""Separates a condition from its camera, channel or corruption: ``blank@wrist``, ``swapped@state``,
+``lead_near@fog_3``."""
 AGAIN, ABSENT = "real_again", "lead_absent"
 """The true picture in the stage of the picture without the lead, for frames with both."""
 EXCHANGED = "exchanged"
@@ -282,12 +284,42 @@ TABLE: dict[str, Condition] = {
 }
 """All conditions: of banks, of worlds that are driven, and of a policy's channels."""
 
+
+def _corrupted(what: Corruption, step: int, make: Callable[..., Stimulus] = _real) -> Callable[..., Stimulus]:
+    """Return the maker of pictures at a step of a corruption; ``make`` is that of the pictures."""
+
+    def corrupted(frame: Frame, source: Source, seed: int) -> Stimulus:
+        made = make(frame, source, seed)
+        seen = {
+            name: encode(what.applied(decode(picture, f"{name} of frame '{frame.id}'"), step, key_seed(seed, name)))
+            for name, picture in made.images.items()
+        }
+        return replace(made, images=seen)
+
+    return corrupted
+
+
+STEPPED: dict[str, Condition] = {
+    f"{what.name}_{step}": Condition(
+        f"{what.name}_{step}",
+        f"true frame under {what.words}, step {step} of {len(STEPS)}: {what.quantity} {what.amounts[step - 1]:g}",
+        f"does it still see under {what.words}?",
+        _corrupted(what, step),
+    )
+    for what in CORRUPTIONS.values()
+    for step in STEPS
+}
+"""The true picture at each step of each corruption. They are asked where they are named."""
+
 CONDITIONS: dict[str, Condition] = {name: condition for name, condition in TABLE.items() if condition.asked >= _MODELS}
 """The conditions of models."""
 
 PARTNERS: tuple[str, ...] = tuple(name for name, condition in TABLE.items() if condition.over == "channel")
 """Conditions that exchange channels with a partner: any one of another episode, one at a similar
 state, or one of the own episode. ``kept`` exchanges all channels but the named one."""
+
+CORRUPTIBLE = frozenset({"real_repeat", "shuffled"})
+"""The conditions that a step of a corruption may follow, beside counterfactuals."""
 
 BATTERY: tuple[str, ...] = (
     "real",
@@ -373,14 +405,27 @@ def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulu
 
 
 def seed_of(condition: str, frame: Frame, run_seed: int) -> int:
-    """Return the seed of a frame's stimulus under a condition."""
+    """Return the seed of a frame's stimulus under a condition.
+
+    A corruption has one seed for all its steps and all pictures of the frame, so that they differ
+    in nothing else.
+    """
+    if (found := corruption_of(condition)) is not None:
+        return key_seed("corruption", run_seed, found[0].name, frame.id)
     kind = "text" if "text" in _row(condition).needs else "stimulus"
     return key_seed(kind, run_seed, condition, frame.id)
+
+
+def corruption_of(condition: str) -> tuple[Corruption, int] | None:
+    """Return the corruption of a condition and its step: of ``fog_3`` and ``lead_near@fog_3``."""
+    base, _, what = condition.partition(OVER)
+    return step_of(base) or step_of(what)
 
 
 def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str, ...]:
     """Return the bank's files behind a condition's pictures of a frame; none if it shows none."""
     base, over, camera = name.partition(OVER)
+    over = "" if step_of(camera) else over
     row, files = _row(name), frame.pictures
     if row.over == "channel":
         files = partner_of(frame, source, base, camera).pictures
@@ -419,11 +464,16 @@ def find_condition(name: str, who: str = "model") -> Condition:
     ``who`` is the subject: a ``model`` or a ``policy``. Raises SpecError that lists the known ones.
     """
     base, over, what = name.partition(OVER)
-    row = TABLE.get(base)
+    row = TABLE.get(base) or STEPPED.get(base)
     if row is None or who not in row.asked or not _may_be_over(row, over, what):
         of, near = (" of a policy", name) if who == "policy" else ("", base)
         known = [f"{one.name}{OVER}CHANNEL" * (one.over == "channel") or one.name for one in asked_of(who)]
+        if who == "model":
+            near, known = name, [*known, *(f"{what}_{STEPS[0]} to {what}_{STEPS[-1]}" for what in CORRUPTIONS)]
         raise SpecError(f"unknown condition '{name}'{of};{did_you_mean(near, known)} known are {', '.join(known)}")
+    if (step := step_of(what)) is not None:
+        image = f"{row.image}, under {step[0].words}, step {step[1]} of {len(STEPS)}"
+        return replace(row, name=name, image=image, make=_corrupted(*step, row.make))
     return _over(row, what) if over else row
 
 
@@ -436,12 +486,15 @@ def _may_be_over(row: Condition, over: str, what: str) -> bool:
     """Return whether a camera or channel may follow a condition's name."""
     if row.over == "channel":
         return what in {CAMERAS, STATE, INSTRUCTION} or what.startswith(CAMERA)
+    if step_of(what) is not None:
+        return row.name in CORRUPTIBLE or "counterfactual" in row.needs
     return not over or bool(row.over)
 
 
 def _row(name: str) -> Condition:
     """Return the row of a condition for any subject; raises SpecError if there is none."""
-    return TABLE.get(name.partition(OVER)[0]) or find_condition(name)
+    base = name.partition(OVER)[0]
+    return TABLE.get(base) or STEPPED.get(base) or find_condition(name)
 
 
 def by_reason(left_out: Mapping[str, str]) -> dict[str, str]:
@@ -464,7 +517,7 @@ def require_shown(name: str, cameras: Sequence[Camera]) -> None:
 def require_camera(name: str, cameras: Sequence[Camera]) -> None:
     """Raise SpecError if a condition is over a camera that is none of these."""
     _, over, camera = name.partition(OVER)
-    if over and camera not in (names := [one.name for one in cameras]):
+    if over and step_of(camera) is None and camera not in (names := [one.name for one in cameras]):
         raise SpecError(
             f"condition '{name}': there is no camera '{camera}';{did_you_mean(camera, names)} there are "
             f"{', '.join(names)}"

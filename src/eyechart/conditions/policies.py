@@ -16,6 +16,7 @@ from eyechart.channels import (
     whose,
 )
 from eyechart.conditions import CONDITIONS, EXCHANGED, OVER, PARTNERS, TABLE, asked_of, is_available
+from eyechart.corruptions import CORRUPTIONS, STEPS
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
 from eyechart.stats.shapley import Subset, subsets
@@ -65,7 +66,12 @@ def listed_conditions() -> dict[str, str]:
     listed = {name: f"{one.image}: {one.asks}" for name, one in every.items()}
     for one in (TABLE[name] for name in ("blank", "noise", EXCHANGED)):
         listed[f"{one.name}{OVER}CAMERA"] = f"{one.image}, in one camera: {one.asks}"
-    return listed | {name: f"{condition.image}: {condition.asks}" for name, condition in CONDITIONS.items()}
+    listed |= {name: f"{condition.image}: {condition.asks}" for name, condition in CONDITIONS.items()}
+    steps = f"{STEPS[0]} to {STEPS[-1]}"
+    return listed | {
+        f"{one.name}_{STEPS[0]} ... {one.name}_{STEPS[-1]}": f"true frame under {one.words}, steps {steps}: how far?"
+        for one in CORRUPTIONS.values()
+    }
 
 
 def unshown_channels(bank: FrameBank) -> dict[str, str]:

@@ -8,6 +8,7 @@ from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from eyechart.clusters import require_engine
 from eyechart.conditions import require_shown
 from eyechart.costs import CostEstimate, estimate
 from eyechart.episodes.coordinator import USUAL, Bounds, Drivers, Progress, calls_of, drive
@@ -58,7 +59,6 @@ from eyechart.spaces.discrete import DRIVING, read_toml
 if TYPE_CHECKING:  # a score probes no model
     from eyechart.probe import Sample
 
-ENGINES = ("local", "ray")
 ACTION_MAP = "actions.toml"
 """The run's copy of the action map of a ``gym:`` environment."""
 
@@ -442,16 +442,6 @@ def errors_ended(parts: Mapping[str, EpisodesRun], bound: str = "--max-steps") -
         + (f"; a larger {bound} lets those go on that reached the bound" if bounded and bound else "")
     )
     return RunEnding([words], 1)
-
-
-def require_engine(engine: str) -> None:
-    """Raise SpecError for an unknown engine, or a cluster that does not answer."""
-    if engine not in ENGINES:
-        raise SpecError(f"unknown engine '{engine}'; known are {', '.join(ENGINES)}")
-    if engine == "ray":
-        from eyechart.episodes.ray_workers import join  # noqa: PLC0415 - an extra
-
-        join()
 
 
 def _engine(engine: str, setup: Setup) -> Callable[[], Worker]:

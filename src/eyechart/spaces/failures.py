@@ -59,6 +59,53 @@ _NONE_CAME = pattern(rf"none|null|n/a|missing|unavailable|absent|not (?:been )?{
 """Values that say that a picture is missing, in the picture's own field."""
 
 
+_VIEW = (
+    r"(?:images?|pictures?|photos?|photographs?|frames?|scene|views?|camera|lens|feed|video"
+    r"|visual (?:input|information))"
+)
+_SEE = r"(?:see|view|discern|make out|distinguish|recogni[sz]e|identify|perceive|tell|determine|judge|assess|interpret)"
+_SPOILT = (
+    r"(?:dark|bright|black|white|gr[ae]y|blurr?(?:y|ed)|noisy|foggy|hazy|grainy|dim|washed[ -]out"
+    r"|(?:over|under)[ -]?exposed|pixelated|distorted|degraded|compressed|dirty|low[ -](?:contrast|quality|resolution))"
+)
+_LOST = (
+    r"(?:blank|unreadable|illegible|unclear|obscured|occluded|obstructed|corrupt(?:ed)?|unusable"
+    r"|unintelligible|indiscernible|unrecogni[sz]able|blocked|covered"
+    r"|not (?:clear|usable|legible|readable|visible|discernible|recogni[sz]able|interpretable))"
+)
+_HOW = r"(?:\s+(?:is|are|was|looks?|seems?|appears?|being|has become|to be|quite|so|very|now))*"
+_MUCH = (
+    r"(?:too|completely|entirely|totally|fully|all|pure|extremely|heavily|severely"
+    r"|(?:almost|nearly) (?:completely|entirely|all|pure)?)"
+)
+_CANNOT_SEE = pattern(
+    r"\b(?:can(?:no|')t|can not|could(?:n't| not)|unable to|not able to|impossible to|hard for me to)\s+"
+    rf"(?:(?:\w+ly|really|even)\s+)?{_SEE}\s+"
+    rf"(?:anything|much|enough|clearly|well|properly|details?|any (?:details?|features?|objects? clearly)"
+    rf"|what|where|whether|if|how|(?:the|this|that|your|my)\s+(?:\w+\s+)?(?:{_VIEW}|road|lane)\b|ahead\b)"
+    rf"|\b{_VIEW}\b(?:\s+content)?{_HOW}\s+(?:{_MUCH}\s+{_SPOILT}|(?:{_MUCH}\s+)?{_LOST})\b"
+    rf"|\b{_MUCH}\s+{_SPOILT}\s+(?:{_VIEW}|to\s+{_SEE})\b|\b(?:it is|it's)\s+too\s+{_SPOILT}\b"
+    r"|\b(?:no|zero|insufficient|inadequate|lack of)\s+(?:usable\s+|visual\s+)?(?:visibility|view of the road)\b"
+    r"|\bvisibility\s+(?:(?:is|are|looks?|seems?|appears?)\s+)?(?:(?:near(?:ly)?\s+)?(?:zero|none|nil|insufficient|lost)|too\s+\w+)"
+    r"|\bnothing\s+(?:at all\s+)?(?:is|can be)\s+(?:visible|seen|made out|discerned|discernible|recogni[sz]ed)\b"
+    r"(?!\s+(?:ahead|in front|in (?:my|the|our) lane|on the road|nearby|close))",
+    re.IGNORECASE,
+)
+"""That the picture came and shows nothing: too dark, obscured, "I cannot make out the road"."""
+_NOT = pattern(r"(?:\bnot|n't|\bnever|\bno longer)\s+(?:\w+\s+)?\Z", re.IGNORECASE)
+
+
+def says_cannot_see(text: str) -> bool:
+    """Return whether a text says that it sees nothing, or not enough, in the current picture.
+
+    That no vehicle is in sight is a finding and not counted, nor is caution in poor weather.
+    """
+    plain = " ".join(text.replace("’", "'").replace("_", " ").split())
+    if says_no_picture(plain):
+        return True
+    return any(not _NOT.search(plain, max(0, one.start() - 30), one.start()) for one in _CANNOT_SEE.finditer(plain))
+
+
 def says_no_picture(text: str) -> bool:
     """Return whether a text says that the current picture is missing, or asks for one."""
     plain = text.replace("’", "'").replace("_", " ")

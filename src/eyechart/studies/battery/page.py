@@ -21,7 +21,14 @@ from eyechart.studies.battery.figures import agreement_down, figures
 from eyechart.studies.battery.plans import conditions_of, plan_of
 from eyechart.studies.battery.subjects import Evidence, Subject, accounts_of, subjects
 from eyechart.studies.battery.summary import opening
-from eyechart.studies.battery.tables import depth_table, frontier_table, judged_of, statistics_table, verdict_table
+from eyechart.studies.battery.tables import (
+    depth_table,
+    frontier_table,
+    judged_of,
+    series_table,
+    statistics_table,
+    verdict_table,
+)
 from eyechart.verdicts import LABELS, StoppingPoint, shared_notes
 
 MODELS_DRAWN = 24
@@ -83,7 +90,7 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
             for run, places in zip(evidence, album.places, strict=True)
             for pair in pairs(run, places, album, len(everyone))
         ],
-        along=list(depth_table(judged).split()),
+        along=[*depth_table(judged).split(), *series_table(judged).split()],
         statistics=list(statistics_table(judged).split()),
         tables=[verdict_table(judged), frontier_table(judged)],
         conditions=[CONDITIONS[name] for name in OF_BANKS],

@@ -5,14 +5,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
+from eyechart.clusters import require_engine
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
     CONTROLS,
     OF_BANKS,
     OVER,
+    STEPPED,
     asked_in_stages,
     by_reason,
     find_condition,
@@ -43,6 +45,7 @@ from eyechart.manifest import (
     write_run,
 )
 from eyechart.models import Model, OpenedModel, open_model, sequential_groups
+from eyechart.models.actors import ActorPool
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
 from eyechart.perception.view import View, through
@@ -51,7 +54,9 @@ from eyechart.prompts import Prompt, find_prompt, neutral, require_pictured, req
 from eyechart.run import MotionPlan, Plan, RunOptions, Stages, ask_again, execute, spread
 from eyechart.studies.battery.early_stop import NEEDED, EarlyStop, layout_for, typical
 from eyechart.studies.battery.early_stop import Progress as HowFar
+from eyechart.studies.battery.evidence import NEAR_FAR
 from eyechart.studies.battery.requests import require_requests
+from eyechart.studies.battery.series import OTHERS
 from eyechart.studies.battery.stages import AdaptiveStages, ControlProgress, staged, stages_of, widest
 from eyechart.verdicts import GUARANTEE, VALIDITY
 
@@ -72,13 +77,15 @@ class BatterySelection:
     and the conditions real, real_repeat and blank. ``controls`` says which control conditions are
     run too: ``auto``, in later stages, those that each model's answers call for; ``all``, for every
     model at once; or ``none``. The default is that of an existing run; else ``none`` where
-    conditions are named, and ``auto`` where they are not.
+    conditions are named, and ``auto`` where they are not. ``series`` are corruptions, whose steps
+    follow in stages for a model that uses clean pictures.
     """
 
     limit: int | None = None
     shard: tuple[int, int] | None = None
     stop_early: bool = False
     controls: str | None = None
+    series: tuple[str, ...] = ()
 
     def controls_of(self, out: Path | None, conditions: Sequence[str] | None) -> str:
         """Return which controls are run; raises SpecError for an unknown word."""
@@ -90,7 +97,13 @@ class BatterySelection:
         return given
 
     def require_possible(self, conditions: Sequence[str]) -> None:
-        """Raise SpecError where a verdict cannot be settled early with these conditions."""
+        """Raise SpecError where a verdict cannot be settled early, or a series cannot be asked."""
+        if self.series and (self.stop_early or self.shard is not None):
+            raise SpecError(
+                f"--series needs the answers of a whole run, so it goes without "
+                f"{'--stop-early' if self.stop_early else '--shard'}: "
+                + ("leave that out" if self.stop_early else "merge the shards, and give it to the merged run")
+            )
         if not self.stop_early:
             return
         if self.shard is not None:
@@ -148,10 +161,21 @@ class Battery(PlannedRun):
 
     def make(self, how: RunAllowance, bar: Bar) -> RunOutcome:
         """Make the remaining calls."""
+        require_engine(how.engine)
         limits = how.limits(self.manifest)
         asked: dict[str, Any] = {"again": how.again, "sequential": how.sequential, "limits": limits}
+        here, concurrency = self, how.concurrency
+        if how.engine == "ray":
+            here, concurrency = self._held(ActorPool(how.workers, how.gpus)), concurrency * how.workers
         with bar("calls", self.unit) as move:
-            return make_calls(partial(run, self, concurrency=how.concurrency, **asked), move)
+            return make_calls(partial(run, here, concurrency=concurrency, **asked), move)
+
+    def _held(self, pool: ActorPool) -> Self:
+        """Return the battery with its models held by actors, if any call is left."""
+        if not self.left():
+            return self
+        modes = {spec: self.manifest.mode(spec) for spec in self.plan.models}
+        return replace(self, models=pool.hold(self.models, modes, self.plan.prompt.who))
 
     def ends(self, outcome: RunOutcome, failed: Mapping[str, str]) -> Iterator[RunEnding]:
         """Yield what was saved, how the calls ended, and which models gave empty replies."""
@@ -178,7 +202,8 @@ class Battery(PlannedRun):
         if self.manifest.controls == "auto" and self.manifest.shard is not None:
             return ["controls: none in a shard, because they depend on all answers; merge the shards and resume"]
         more = sum(self.more_by_model().values())
-        return [f"controls: up to {counted(more, 'call')} more, if a model's answers call for them"][: more > 0]
+        what = "controls and series" if self.manifest.series else "controls"
+        return [f"{what}: up to {counted(more, 'call')} more, if a model's answers call for them"][: more > 0]
 
     def _out_of_reach(self) -> list[str]:
         """Return the verdicts that so few frames cannot give, before they are paid for.
@@ -338,7 +363,7 @@ def planned(
     for name in chosen:
         find_condition(name)
         require_camera(name, bank.frames[0].cameras)
-        if (base := name.partition(OVER)[0]) not in supplied:
+        if (base := name.partition(OVER)[0]) not in supplied and base not in STEPPED:
             raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
     extent.require_possible(chosen)
     manifest = RunManifest.begun(
@@ -354,11 +379,22 @@ def planned(
         stop_early=extent.stop_early,
         controls=controls,
         controls_seed=bank.manifest.controls.seed,
+        series=extent.series,
     )
+    _require_series(manifest.series, chosen)
     manifest = manifest if out is None else resume_manifest(out, manifest, bank)
     bank = asked_of(bank, formulation, manifest.reader)
     the_plan = plan_of(manifest, bank, models=tuple(who), conditions=chosen, limit=extent.limit)
     return Battery(the_plan, {}, manifest, out or Path(), {} if conditions else _expected(left_out, formulation))
+
+
+def _require_series(series: Sequence[str], conditions: Sequence[str]) -> None:
+    """Raise SpecError for a series without the clean pictures that its steps are compared with."""
+    if series and not any(set(names) <= set(conditions) for names in (NEAR_FAR, ("real", *OTHERS))):
+        raise SpecError(
+            f"--series compares {' with '.join(NEAR_FAR)}, or real with {' and '.join(OTHERS)}: the run has none of "
+            "these pairs; leave out --conditions, or name them"
+        )
 
 
 def open_models(specs: Sequence[str | RequestMode | OpenedModel]) -> tuple[dict[str, RequestMode], dict[str, Model]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from eyechart.conditions import CONTROLS, OF_BANKS, is_available
+from eyechart.conditions import CONTROLS, OF_BANKS, OVER, is_available
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.frames import FrameBank
@@ -29,10 +29,12 @@ from eyechart.studies.battery.early_stop import EarlyStop, StoppingState
 from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
 from eyechart.studies.battery.plans import STUDY, plan_of
 from eyechart.studies.battery.requests import require_requests
+from eyechart.studies.battery.series import StepReplies, series_statistics, step_in, unseeing
 from eyechart.studies.battery.stages import (
     ControlProgress,
     asked_of_model,
     available_controls,
+    series_of,
     staged,
     stages_of,
     widest,
@@ -119,8 +121,9 @@ class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
     @property
     def conditions(self) -> tuple[str, ...]:
         """Return the conditions of any model, controls last."""
-        controls = {name for model in self.models.values() for name in model.controls.controls}
-        return (*self.manifest.conditions, *(name for name in CONTROLS if name in controls))
+        later = dict.fromkeys(name for model in self.models.values() for name in model.controls.controls)
+        controls = (name for name in CONTROLS if name in later)
+        return (*self.manifest.conditions, *controls, *(name for name in later if step_in(name)))
 
     def __repr__(self) -> str:
         return f"<BatteryScore of {', '.join(self.models) or 'no model'} on {self.bank.name}>"
@@ -248,9 +251,11 @@ def score_run(
         if held:
             require_requests(ledger, manifest, plan)
         may, asked, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
+        series, said = series_of(manifest), dict[str, StepReplies]()
         for spec in manifest.models:
             replies = list(ledger.replies(spec))
-            asked[spec] = asked_of_model(plan, spec, replies, may)
+            asked[spec] = asked_of_model(plan, spec, replies, may, series=series)
+            said[spec] = unseeing(replies)
             reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
             answers[spec] = read_answers(spec, replies, reading, independent=independent, told=told)
         wide, plan = widest(manifest, plan), staged(plan, asked)
@@ -269,7 +274,7 @@ def score_run(
             answers[spec] = replace(answers[spec].under(plan.asked(spec)), finished=came)
     statistics = {
         spec: _with_evidence(
-            statistics_of(answer.under(asked[spec].judged_of(plan)), how, independent=independent),
+            statistics_of(answer.under(asked[spec].judged_of(plan)), how, independent=independent, said=said[spec]),
             courses.get(spec),
             stopped.get(spec),
         )
@@ -381,9 +386,13 @@ def _bare(statistic: Statistic) -> Statistic:
     )
 
 
-def statistics_of(answers: Answers, how: Resampling, *, independent: bool = False) -> dict[str, Statistic]:
-    """Return the paper's statistics and the calibrated tests of one model's answers, by name."""
-    return PaperStatistics(answers, how).statistics() | CalibratedTests(answers, how, independent).statistics()
+def statistics_of(
+    answers: Answers, how: Resampling, *, independent: bool = False, said: StepReplies | None = None
+) -> dict[str, Statistic]:
+    """Return the paper's statistics, the calibrated tests and the series of one model, by name."""
+    plain = answers.under([name for name in answers.decisions if OVER not in name or not step_in(name)])
+    tests = CalibratedTests(plain, how, independent).statistics()
+    return PaperStatistics(plain, how).statistics() | tests | series_statistics(answers, said or {})
 
 
 def _corrected(

@@ -1,7 +1,8 @@
 """The stages of a run: a model's finished answers alone decide which controls it is shown.
 
 The run's conditions come first. Then follow, for each model, the controls that could refute what
-its answers suggest. A stage begins when the one before is finished. See docs/decisions/stopping.md.
+its answers suggest, and the steps of the run's series of corruptions. A stage begins when the one
+before is finished. See docs/decisions/stopping.md.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -16,14 +17,15 @@ from eyechart.seeds import key_seed
 from eyechart.studies.battery.answers import read_answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.series import every_step, most_left, next_steps
 from eyechart.verdicts import controls_wanted
 
 
 @dataclass(frozen=True, slots=True)
 class ControlProgress:
-    """The controls for a model, by its answers so far.
+    """The controls for a model and the steps of its series, by its answers so far.
 
-    ``judged`` are the controls of finished stages, ``open`` those of the current stage. ``most``
+    ``judged`` are those of finished stages, ``open`` those of the current stage. ``most``
     are all controls that may still follow; empty where it ``ended``: the last stage is finished and
     nothing is left to refute.
     """
@@ -51,6 +53,11 @@ def available_controls(manifest: RunManifest, plan: Plan) -> tuple[str, ...]:
     return tuple(name for name in shown if name not in plan.conditions)
 
 
+def series_of(manifest: RunManifest) -> tuple[str, ...]:
+    """Return the series of a run; a shard has none."""
+    return () if manifest.shard is not None else manifest.series
+
+
 def widest(manifest: RunManifest, plan: Plan) -> Plan:
     """Return a plan with every control that any model of the run may need."""
     may = available_controls(manifest, plan)
@@ -58,13 +65,20 @@ def widest(manifest: RunManifest, plan: Plan) -> Plan:
 
 
 def asked_of_model(
-    plan: Plan, model: str, replies: Iterable[tuple[CallKey, Reply]], may: Sequence[str], begun: Sequence[str] = ()
+    plan: Plan,
+    model: str,
+    replies: Iterable[tuple[CallKey, Reply]],
+    may: Sequence[str],
+    begun: Sequence[str] = (),
+    *,
+    series: Sequence[str] = (),
 ) -> ControlProgress:
     """Return a model's controls, out of those that it ``may`` have, from its replies.
 
-    ``begun`` are controls that its finished answers called for already; they are not derived again.
+    ``series`` follow when no control is left. ``begun`` are controls and steps that its finished
+    answers called for already; they are not derived again.
     """
-    if not may:
+    if not may and not series:
         return ControlProgress(ended=True)
     given = list(replies)
     finished = {key for key, reply in given if reply.error not in UNFINISHED}
@@ -72,7 +86,7 @@ def asked_of_model(
     answers = read_answers(
         model,
         given,
-        replace(plan, controls={model: tuple(may)}),
+        replace(plan, controls={model: (*may, *every_step(series))}),
         independent=plan.bank.manifest.independent,
         told=bool(plan.prompt.fields),
     )
@@ -84,10 +98,13 @@ def asked_of_model(
         statistics = CalibratedStatistics(
             CalibratedTests(part, Resampling(seed=plan.seed), sure)
         )  # however the run is scored
-        wanted = controls_wanted(statistics, supplied=may, asked=judged)
+        wanted = controls_wanted(statistics, supplied=may, asked=judged) if may else ()
+        wanted = wanted or next_steps(part, series)
         if not wanted:
             return ControlProgress(judged, ended=True)
-    return ControlProgress(judged, wanted, tuple(name for name in may if name not in judged + wanted))
+    left = (name for name in may if name not in judged + wanted)
+    further = most_left(answers, series, (*plan.conditions, *judged, *wanted))
+    return ControlProgress(judged, wanted, (*left, *further))
 
 
 def _is_older(plan: Plan, model: str, finished: Collection[CallKey]) -> bool:
@@ -104,9 +121,11 @@ def staged(plan: Plan, found: Mapping[str, ControlProgress]) -> Plan:
 
 def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict[str, ControlProgress]:
     """Return each model's controls in a ``whole`` run, from its ledger; None is an empty ledger."""
-    may = available_controls(manifest, whole)
+    may, series = available_controls(manifest, whole), series_of(manifest)
     return {
-        spec: asked_of_model(whole, spec, () if ledger is None or not may else ledger.replies(spec), may)
+        spec: asked_of_model(
+            whole, spec, () if ledger is None or not (may or series) else ledger.replies(spec), may, series=series
+        )
         for spec in whole.models
     }
 
@@ -121,6 +140,7 @@ class AdaptiveStages(Stages):
     def __init__(self, plan: Plan, whole: Plan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._whole, self._ledger = plan, whole, ledger
         self._may, self._controls = available_controls(manifest, whole), dict(plan.controls)
+        self._series = series_of(manifest)
         self._replies: dict[str, dict[CallKey, Reply]] = {}
 
     def finished(self, key: CallKey, reply: Reply) -> None:
@@ -134,13 +154,13 @@ class AdaptiveStages(Stages):
         Empty before its last stage is finished. Calls that a walk over the frames has made already
         are not repeated.
         """
-        if not self._may:
+        if not self._may and not self._series:
             return []
         before = self._controls.get(model, ())
         if model not in self._replies:
             self._replies[model] = dict(self._ledger.replies(model))
         replies = self._replies[model]
-        now = asked_of_model(self._whole, model, replies.items(), self._may, before).controls
+        now = asked_of_model(self._whole, model, replies.items(), self._may, before, series=self._series).controls
         fresh = tuple(name for name in now if name not in before)
         if not fresh:
             del self._replies[model]

@@ -25,6 +25,7 @@ from eyechart.studies import (
 )
 from eyechart.studies.battery.plans import STUDY
 from eyechart.studies.battery.scores import BatteryScore, require_scorable, score, score_run, took
+from eyechart.studies.battery.series import SERIES, results
 from eyechart.verdicts import LABELS, Verdict, judge, words_of
 
 if TYPE_CHECKING:
@@ -81,6 +82,14 @@ class BatteryStudy(FrameStudy[BatteryScore]):
 
     def verdicts(self, score: BatteryScore) -> Mapping[str, Verdict]:
         return judge(score)
+
+    def verdict_json(self, score: BatteryScore) -> Mapping[str, object]:
+        made = {spec: verdict.as_dict() for spec, verdict in self.verdicts(score).items()}
+        for spec, found in made.items():
+            ended = results(score.models[spec].statistics)
+            if ended:
+                found[SERIES] = {one.name: {"step": one.reached, "words": one.words} for one in ended}
+        return {"models": made}
 
     def findings(self, score: BatteryScore) -> Mapping[str, ModelSummary]:
         result = {}

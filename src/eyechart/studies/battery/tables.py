@@ -5,7 +5,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from eyechart.conditions import BATTERY, CONDITIONS
+from eyechart.conditions import BATTERY, find_condition
+from eyechart.corruptions import STEPS
+from eyechart.errors import counted
 from eyechart.report.table import (
     MARK,
     STATISTIC,
@@ -25,6 +27,7 @@ from eyechart.report.table import (
 from eyechart.studies.battery import BatteryScore, ModelScore
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.paper_statistics import median_gaps
+from eyechart.studies.battery.series import StepEffect, results
 from eyechart.studies.battery.subjects import Subject
 from eyechart.verdicts import LABELS, NOT_JUDGED, Verdict
 from eyechart.verdicts.numbers import ASKS, FIRST, SIGNS
@@ -45,10 +48,11 @@ def judged(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> list[JudgedM
 
 def tables_of(everyone: Sequence[JudgedModel]) -> tuple[Table, ...]:
     """Return every table of judged models."""
-    along = depth_table(everyone)
+    along, series = depth_table(everyone), series_table(everyone)
     return (
         verdict_table(everyone),
         *([along] if along.rows else ()),
+        *([series] if series.rows else ()),
         frontier_table(everyone),
         statistics_table(everyone),
     )
@@ -155,6 +159,30 @@ def frontier_table(everyone: Sequence[JudgedModel]) -> Table:
     return Table("frontier", "The battery, as the paper prints it", named, tuple(rows))
 
 
+def series_table(everyone: Sequence[JudgedModel]) -> Table:
+    """Return a row per model and series: how far it sees, and the effect there and a step further."""
+    rows = tuple(
+        (
+            *(label, one.words, one.reached),
+            *(cell for at in (one.shown, one.lost) for cell in _effect(at)),
+        )
+        for label, model, _ in everyone
+        for one in results(model.statistics)
+    )
+    named = columns("word", "model", "series", "step")
+    shown = columns("text", "effect there", "cannot see there", "a step further", "cannot see further")
+    caption = f"How far down a corruption of the camera its effect holds, of {len(STEPS)} steps; intervals of 98%"
+    return Table("series", caption, (*named, *shown), rows)
+
+
+def _effect(at: StepEffect | None) -> tuple[str | None, str | None]:
+    if at is None or at.value is None:
+        return None, None
+    ends = "" if at.ci is None else f" [{at.ci[0]:.2f}, {at.ci[1]:.2f}]"
+    said = f"{at.unseeing} of {counted(at.replies, 'reply')}" if at.replies else None
+    return f"{at.value:.2f}{ends} on {at.n}", said
+
+
 UNPRINTED = ("agree(shuffled)", "V (real, blank)")
 """Rows that the paper's Table t:frontier leaves out."""
 
@@ -162,7 +190,7 @@ UNPRINTED = ("agree(shuffled)", "V (real, blank)")
 def paper_tables(everyone: Sequence[Subject]) -> Iterator[Table]:
     """Yield Tables t:conditions, t:frontier and t:qwenorder of the paper, of the models given."""
     asked = dict.fromkeys(name for who in everyone for name in who.run.conditions)
-    shown = tuple((name, CONDITIONS[name].image, CONDITIONS[name].asks) for name in asked)
+    shown = tuple((name, (row := find_condition(name)).image, row.asks) for name in asked)
     yield Table("", "", (Column("condition", "word"), *columns("text", "image", "tests")), shown).labelled(
         "t:conditions", "Blind-input conditions; only the image changes"
     )
@@ -278,6 +306,7 @@ def statistics_table(everyone: Sequence[JudgedModel]) -> Table:
 
 
 GROUPS: Mapping[str, re.Pattern[str]] = {
+    "how far down a corruption of the camera its effect holds": re.compile("series[.]"),
     "distance": re.compile("depth_|lane_net|holes|place_|sensitivity|specificity|order|rise|file|drawn_|repeat"),
     "left and right": re.compile("turns_|bound_mirrored"),
     "which content of the picture counts": re.compile(
@@ -341,7 +370,10 @@ def deciding_table(label: str, model: ModelScore, verdict: Verdict) -> Table:
 
 def verdicts_printed(score: BatteryScore, verdicts: Mapping[str, Verdict]) -> Iterator[Table | str]:
     """Yield the table of verdicts, what each verdict means, and the scope of all."""
-    yield glance_table(judged(score, verdicts))
+    everyone = judged(score, verdicts)
+    yield glance_table(everyone)
+    if (series := series_table(everyone)).rows:
+        yield series
     yield from (line for spec, verdict in verdicts.items() for line in marked(spec, verdict.marks))
     for label in dict.fromkeys(verdict.calibrated.label for verdict in verdicts.values()):
         yield f"{LABELS[label].answer}, {label}: {LABELS[label].says}"

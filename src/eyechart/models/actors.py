@@ -1,0 +1,146 @@
+"""Models held by actors on a Ray cluster: the coordinator plans and records, the actors answer."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from eyechart.calls import Query, Reply
+from eyechart.clusters import actor, join, require_gpus
+from eyechart.errors import SpecError
+from eyechart.models import Model, ask, open_model
+from eyechart.modes import RequestMode
+
+OPENING_S = 600.0
+"""The longest time in seconds in which the actors of a model must have opened it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActorPool:
+    """The actors of each model: their number, and the GPUs that each claims."""
+
+    count: int = 1
+    gpus: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.count < 1 or self.gpus < 0:
+            raise SpecError(f"give 1 or more --workers and 0 or more --gpus, not {self.count} and {self.gpus:g}")
+
+    def hold(
+        self, models: Mapping[str, Model], modes: Mapping[str, RequestMode], answering: str
+    ) -> dict[str, "PooledModel"]:
+        """Return the models as actors hold them, each opened there with the version that it has here.
+
+        Raises SpecError where the cluster lacks GPUs, or an actor cannot open the same model.
+        """
+        require_gpus(self.count * self.gpus * len(models))
+        held = {
+            spec: PooledModel(modes[spec], answering, model.version, dict(model.facts), self)
+            for spec, model in models.items()
+        }
+        for one in held.values():
+            one.open()
+        return held
+
+
+class PooledModel:
+    """A model that actors hold; a query goes to the one with the fewest under way.
+
+    An actor that dies costs the calls that it had under way: they are attempts that failed, and
+    the run makes them again on a new actor.
+    """
+
+    def __init__(
+        self, mode: RequestMode, answering: str, version: str, facts: Mapping[str, str], workers: ActorPool
+    ) -> None:
+        self.version, self.facts = version, facts
+        self._mode, self._answering, self._workers = mode, answering, workers
+        self._actors: list[_PooledActor] = []
+
+    def open(self) -> None:
+        """Open the model in every actor; raises SpecError where that fails, or it is another version."""
+        ray = join()
+        self._start()
+        for one in self._actors:
+            try:
+                found = ray.get(one.handle.version.remote(), timeout=OPENING_S)
+            except ray.exceptions.RayError as error:
+                raise SpecError(f"a worker of the cluster did not open {self._mode.spec}: {_first(error)}") from error
+            if found != self.version:
+                self._end()
+                raise SpecError(
+                    f"a worker of the cluster has {self._mode.spec} as {found}, and this machine as {self.version}: "
+                    "all nodes need the same files and the same eyechart"
+                )
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer one query by an actor; an actor's death is a failure that may pass."""
+        self._start()
+        one = min(self._actors, key=lambda each: each.under_way)
+        one.under_way += 1
+        ray = join()
+        try:
+            reply: Reply = await one.handle.answer.remote(query)
+        except ray.exceptions.RayError as error:
+            if one in self._actors:  # the first call that it fails replaces it
+                self._actors[self._actors.index(one)] = self._new()
+            return Reply(error="server_error", error_detail=f"its worker was lost: {_first(error)}")
+        finally:
+            one.under_way -= 1
+        return reply
+
+    async def close(self) -> None:
+        """End the actors; the next call starts new ones."""
+        self._end()
+
+    def _start(self) -> None:
+        while len(self._actors) < self._workers.count:
+            self._actors.append(self._new())
+
+    def _new(self) -> "_PooledActor":
+        given = (self._mode, self._answering, self.version)
+        return _PooledActor(actor(_ModelActor, *given, gpus=self._workers.gpus))
+
+    def _end(self) -> None:
+        ray = join()
+        while self._actors:
+            ray.kill(self._actors.pop().handle)
+
+
+@dataclass(eq=False, slots=True)
+class _PooledActor:
+    handle: Any
+    under_way: int = field(default=0)
+
+
+class _ModelActor:
+    """A model on a node; its calls run in one event loop, so that batches fill."""
+
+    def __init__(self, mode: RequestMode, answering: str, version: str) -> None:
+        self._mode, self._answering, self._version = mode, answering, version
+        self._model: Model | None = None
+
+    def _opened(self) -> Model:
+        if self._model is None:
+            self._model = open_model(self._mode.spec, self._mode, answering=self._answering)
+        return self._model
+
+    async def version(self) -> str:
+        """Return the version of the model on this node, or why it cannot be opened."""
+        try:
+            return self._opened().version
+        except Exception as error:  # noqa: BLE001 - it is told where the run was started
+            return f"{type(error).__name__}: {error}"
+
+    async def answer(self, query: Query) -> Reply:
+        """Answer one query."""
+        try:
+            model = self._opened()
+        except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
+            return Reply(error="missing_model", error_detail=f"{type(error).__name__}: {error}")
+        if model.version != self._version:
+            return Reply(error="missing_model", error_detail=f"this node has version {model.version}")
+        return await ask(model, query)
+
+
+def _first(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,175 @@
+"""Batteries, policies and calibration on a Ray cluster of two local nodes: the same rows as on this machine."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+import banks
+import guests_of_ray
+from eyechart import api, cli
+from eyechart.calibrate import calibrate
+from eyechart.calibrate.policies import try_rules
+from eyechart.errors import SpecError
+from eyechart.ledger import Ledger
+from eyechart.manifest import LEDGER
+from eyechart.simulators import open_bank_simulator
+from eyechart.studies import policy
+
+pytestmark = pytest.mark.models
+
+GUEST, ACT = "python:guests_of_ray:answer", "python:guests_of_ray:act"
+NAMED = ["swap 0.2, 12"]
+HERE = Path(guests_of_ray.__file__).parent
+
+
+@pytest.fixture(scope="module")
+def _cluster() -> Iterator[None]:
+    """Start two nodes of one processor each on this machine, and name them as a user does."""
+    import ray  # noqa: PLC0415 - an extra
+    from ray.cluster_utils import Cluster  # noqa: PLC0415
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(HERE), os.environ.get("PYTHONPATH", "")))))
+        patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+        cluster.add_node(num_cpus=1)
+        cluster.wait_for_nodes()
+        patch.setenv("RAY_ADDRESS", cluster.address)
+        yield
+        ray.shutdown()
+        cluster.shutdown()
+
+
+def rows(run: Path) -> list[tuple[object, ...]]:
+    """Return what a ledger holds of each call, but for order and times."""
+    with closing(sqlite3.connect(run / LEDGER)) as sql:
+        return sorted(
+            sql.execute(
+                "SELECT model, frame, condition, repeat, request_sha256, text, error FROM calls "
+                "JOIN attempts ON attempts.call = calls.id JOIN replies ON replies.attempt = attempts.id"
+            )
+        )
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_two_workers_give_the_rows_and_the_verdict_of_one_process(tmp_path: Path) -> None:
+    """A battery with its stages, and a run of policies."""
+    bank = banks.build_bank(tmp_path / "bank", ranged=True, episodes=3)
+    here = api.run_battery(bank, GUEST, tmp_path / "here")
+    there = api.run_battery(bank, GUEST, tmp_path / "there", engine="ray", workers=2)
+    assert rows(tmp_path / "there") == rows(tmp_path / "here")
+    assert there.verdicts[GUEST].as_dict() == here.verdicts[GUEST].as_dict()
+    table = open_bank_simulator("tabletop").build(tmp_path / "table", seeds=(0, 1, 2), steps=4)
+    api.run_policies(table, ACT, tmp_path / "acts-here")
+    api.run_policies(table, ACT, tmp_path / "acts-there", engine="ray", workers=2)
+    assert rows(tmp_path / "acts-there") == rows(tmp_path / "acts-here")
+    assert policy.score(tmp_path / "acts-there").models[ACT].statistics["T.blank"].n == len(table)
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_a_worker_that_dies_costs_what_it_had_under_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its calls are failed attempts, and are made again on a new one; no finished call is asked twice."""
+    bank = banks.build_bank(tmp_path / "bank")
+    deadly = "python:guests_of_ray:dies_once"
+    monkeypatch.setenv("GUESTS_OF_RAY", str(tmp_path / "died"))
+    (tmp_path / "grave").write_text(str(tmp_path / "died"), encoding="utf-8")
+    guests_of_ray.GRAVE.write_text(str(tmp_path / "died"), encoding="utf-8")
+    try:
+        api.run_battery(bank, deadly, tmp_path / "run", engine="ray", workers=2, conditions=["real", "blank"])
+    finally:
+        guests_of_ray.GRAVE.unlink()
+    with Ledger(tmp_path / "run" / LEDGER) as ledger:
+        attempts = [*ledger.attempts(deadly)]
+        assert len(ledger.finished()) == 2 * len(bank)
+    lost = [one for one in attempts if one.reply is not None and one.reply.error == "server_error"]
+    assert 1 <= len(lost) <= 16
+    assert "its worker was lost" in lost[0].reply.error_detail  # type: ignore[union-attr]
+    answered = [one.key for one in attempts if one.reply is not None and one.reply.error is None]
+    assert len(answered) == len(set(answered)) == 2 * len(bank)
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_a_coordinator_that_is_killed_loses_no_finished_call(tmp_path: Path) -> None:
+    """The same command goes on, its actors are gone, and the verdict is that of an undisturbed run."""
+    bank = banks.build_bank(tmp_path / "bank", episodes=3)
+    words = ("run", "battery", "--model", "python:guests_of_ray:slow", "--frames", bank.root, "--out", tmp_path / "run")
+    command = [sys.executable, "-m", "eyechart", *map(str, words), "--engine", "ray", "--workers", "2"]
+    run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    ledger = tmp_path / "run" / LEDGER
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and (not ledger.exists() or len(finished(ledger)) < 20):
+        time.sleep(0.05)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    before = finished(ledger)
+    assert 20 <= len(before) < 8 * len(bank)
+    assert wait_for_no(b"slow", 10.0) == []
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    with Ledger(ledger) as opened:
+        keys = [one.key for one in opened.attempts("python:guests_of_ray:slow") if one.reply is not None]
+    assert before <= set(keys)
+    assert all(keys.count(key) == 1 for key in before)
+
+
+def finished(ledger: Path) -> set[object]:
+    """Return a ledger's finished calls."""
+    with Ledger(ledger) as opened:
+        return set(opened.finished())
+
+
+def wait_for_no(word: bytes, seconds: float) -> list[int]:
+    """Return the processes of actors of ours that still live after so many seconds; it waits no longer than needed."""
+    deadline = time.monotonic() + seconds
+    while True:
+        left = []
+        for folder in Path("/proc").glob("[0-9]*"):
+            try:
+                if b"_ModelActor" in (folder / "cmdline").read_bytes():
+                    left.append(int(folder.name))
+            except OSError:
+                continue
+        if not left or time.monotonic() > deadline:
+            assert word
+            return left
+        time.sleep(0.1)
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_calibration_is_the_same_on_a_cluster(tmp_path: Path) -> None:
+    """Banks of controllers, with what is kept, and draws of policies."""
+    settings = {"replications": 2, "settings": ["small_10"], "seed": 3}
+    here = calibrate(**settings)  # type: ignore[arg-type]
+    assert calibrate(**settings, processes=2, engine="ray", keep=tmp_path / "kept").as_dict() == here.as_dict()  # type: ignore[arg-type]
+    assert calibrate(**settings, keep=tmp_path / "kept").as_dict() == here.as_dict()  # type: ignore[arg-type]
+    few = [*try_rules(3, chosen=NAMED)][:2]
+    assert [*try_rules(3, chosen=NAMED, processes=2, engine="ray")][:2] == few
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_what_a_cluster_cannot_do_is_said_before_a_call(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """GPUs that are not there, workers without an engine, an object of this process, an unknown engine."""
+    bank = banks.build_bank(tmp_path / "bank")
+    with pytest.raises(SpecError, match="claim 2 GPUs, and the cluster has 0"):
+        api.run_battery(bank, GUEST, tmp_path / "gpus", engine="ray", workers=2, gpus=1.0)
+    with pytest.raises(SpecError, match="a worker of the cluster has python:mine as SpecError"):
+        api.run_battery(bank, {"mine": guests_of_ray.answer}, tmp_path / "mine", engine="ray")
+    with pytest.raises(SpecError, match="unknown engine 'rey'"):
+        api.run_battery(bank, GUEST, tmp_path / "rey", engine="rey")
+    words = ["eyechart", "run", "battery", "--model", GUEST, "--frames", str(bank.root), "--out", str(tmp_path / "no")]
+    monkeypatch.setattr(sys, "argv", [*words, "--workers", "2"])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    assert left.value.code == 2
+    assert "give --engine ray too" in capsys.readouterr().err
