@@ -146,8 +146,11 @@ class StatedMotionSpace(MotionSpace):
         return unparsed(fault) if fault else Decision(motion)
 
     def _fields_in(self, text: str) -> tuple[AnswerField, ...]:
-        """Return the fields as they stand in a text: a single one is the whole reply, or in JSON."""
-        if "{" in text or len(self._asked) > 1:
+        """Return the fields as they stand in a text: a single one is the whole reply, or in JSON.
+
+        A text without a digit holds no number, and is read as one that lacks the field.
+        """
+        if "{" in text or len(self._asked) > 1 or re.search(r"\d", text) is None:
             return self._asked
         (one,) = self._asked
         own = self.fields[0] if self.fields else replace(one, key=None)
