@@ -113,7 +113,7 @@ def test_a_killed_run_goes_on_and_asks_no_finished_call_again(bank: FrameBank, p
         assert 0 < finished < 480
         eyechart(*words)
         assert server.requests - before == 480 - finished
-        eyechart(*words)
+        eyechart(*command(bank, out, server, "--no-probe", "--conditions", FEW))  # the run knows its prompt
         assert server.requests - before == 480 - finished
     assert score(out).models["openai:m"].motions.finished == 480
 
@@ -134,6 +134,30 @@ def test_a_model_that_trembles_is_asked_four_times_and_its_noise_is_measured(
         eyechart(*command(bank, tmp_path / "cold", server, "--prompt", prompt, *more[:-1], 0))
         assert server.requests == 32 * 6
     assert score(tmp_path / "cold").models["openai:m"].statistics["noise"].value == 0.0
+
+
+def test_a_tool_call_holds_the_fields(bank: FrameBank, prompt: Path, tmp_path: Path) -> None:
+    """The tool's parameters are the declared fields, and its arguments the answer."""
+
+    async def call(request: web.Request, asked: dict[str, object], attempt: int) -> web.StreamResponse:
+        del request, attempt
+        (tool,) = asked["tools"]
+        assert set(tool["function"]["parameters"]["properties"]) == {"steer", "speed"}
+        pace = read(asked)[0].split("drives at ")[1].split()[0]
+        called = {"name": tool["function"]["name"], "arguments": f'{{"steer": 0.5, "speed": {pace}}}'}
+        said = completion("", "tool_calls")
+        said["choices"][0]["message"] = {
+            "content": None,
+            "tool_calls": [{"id": "1", "type": "function", "function": called}],
+        }
+        return web.json_response(said)
+
+    more = ("--prompt", prompt, "--no-probe", "--conditions", "real", "--json-mode", "tool_call")
+    with FaultServer([call]) as server:
+        eyechart(*command(bank, tmp_path / "run", server, *more))
+    motions = score(tmp_path / "run").models["openai:m"].motions
+    assert motions.missing == {}
+    assert motions.answers["real"][0, :, 0].tolist() == [[0.5, frame.state["pace"][0]] for frame in bank]
 
 
 ODD = (

@@ -168,10 +168,17 @@ class PolicyLook:
         without = next((finding for finding in wrong if finding.name == "motions"), None)
         return None if without is None else self._unasked(diagnosis, without.says)
 
+    def doctor(self) -> str:
+        """Return the command that tests the policy on the bank."""
+        wanted = self.wanted
+        address = "" if wanted.file is not None else wanted.mode.base_url
+        given = {"--base-url": address, "--frames": str(self.bank), "--prompt": wanted.prompt}
+        words = [word for option, value in given.items() if value for word in (option, value)]
+        return shlex.join(["eyechart", "doctor", str(wanted.file or wanted.spec), *words])
+
     def _unasked(self, found: PolicyDiagnosis, why: str) -> Look:
         wanted = self.wanted
-        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(self.bank)])
-        steps = (NextStep("see every check", doctor), NextStep("look again after the repair", wanted.command()))
+        steps = (NextStep("see every check", self.doctor()), NextStep("look again after the repair", wanted.command()))
         because = f"It does not answer as a policy on this bank: {why}."
         return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
 
@@ -243,6 +250,5 @@ def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -
         settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
         yield NextStep(f"to settle it: {settle.do}", plan)
     else:
-        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(asked.bank)])
-        yield NextStep("see whether its pictures reach it", doctor)
+        yield NextStep("see whether its pictures reach it", asked.doctor())
     yield NextStep("what it does with its state and its instruction", f"eyechart verdict {run}")

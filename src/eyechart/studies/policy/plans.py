@@ -28,7 +28,7 @@ from eyechart.limits import RunOutcome
 from eyechart.manifest import LEDGER, RunManifest, asked_of, is_run, read_manifest
 from eyechart.models import OpenedModel, open_policy, states
 from eyechart.modes import RequestMode
-from eyechart.planned_run import RunAllowance, RunEnding, calls_ended, forecast
+from eyechart.planned_run import RunAllowance, RunEnding, calls_ended, empty, forecast
 from eyechart.prompts import Prompt, motion_prompt, require_pictured, says
 from eyechart.run import MotionPlan, RunOptions, Stages, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace, require_motions
@@ -106,6 +106,8 @@ class PolicyRun(Battery):
             last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
             yield RunEnding([f"nothing can be judged: {spec}: of {count} finished calls none holds a motion{last}"])
         yield calls_ended(outcome, failed, calls - finished, nothing=bool(nothing))
+        if any(map(states, self.plan.models)):
+            yield empty([self.out])
 
     def motionless(self) -> dict[str, tuple[int, str]]:
         """Return the policies without any motion: their finished calls, and the last fault."""

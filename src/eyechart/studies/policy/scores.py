@@ -90,9 +90,10 @@ class PolicyScore(KeyedRecord):
         frames = one.motions.plan.frames
         episodes = len({frame.drive for frame in frames})
         where = f"On these {episodes} episodes ({len(frames)} frames) of {self.bank.name}, {self.bank.manifest.picture}"
+        prompt, others = (f" with prompt {self.manifest.prompt.key}", "other prompts, ") if states(spec) else ("", "")
         return (
-            f"{where}, {spec}@{one.version} on {self.manifest.created}; not tested: other data, closed loop, and what "
-            "only few episodes would show."
+            f"{where}, {spec}@{one.version}{prompt} on {self.manifest.created}; not tested: {others}other data, closed "
+            "loop, and what only few episodes would show."
         )
 
 
