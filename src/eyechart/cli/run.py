@@ -287,9 +287,10 @@ def policy(
     """Ask policies about every frame of a bank, with channels exchanged between episodes.
 
     A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and
-    returns an array (horizon, dimensions). A model that answers with numbers is a policy too: it
-    states them in words, and is probed and asked as in 'run battery'. Exit 1: calls are unfinished,
-    or a policy never gave a motion; 3: stopped at --max-calls or --max-cost.
+    returns an array (horizon, dimensions). lerobot:CHECKPOINT is a folder that LeRobot's
+    save_pretrained wrote. A model that answers with numbers is a policy too: it states them in
+    words, and is probed and asked as in 'run battery'. Exit 1: calls are unfinished, or a policy
+    never gave a motion; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run policy --policy python:my_robot:act --frames bank --out run
     """
     from eyechart.models import states

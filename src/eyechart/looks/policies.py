@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from eyechart.channels import CAMERAS
+from eyechart.channels import CAMERAS, InputShapes
 from eyechart.costs import assumed, estimate
 from eyechart.formats import FORMATS
 from eyechart.frames import open_bank
@@ -21,7 +21,7 @@ from eyechart.looks.request import Bill, LookRequest, Watch, write_report
 from eyechart.looks.sight_checks import MOST_CALLS as OF_SIGHT
 from eyechart.looks.sight_checks import SightChecks, SightFailure, unseen
 from eyechart.manifest import LEDGER, is_run, read_manifest
-from eyechart.models import OpenedModel, open_policy, states
+from eyechart.models import OpenedModel, history_of, open_policy, states
 from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
 from eyechart.planned_run import RunAllowance
@@ -62,11 +62,14 @@ def steps_of(wanted: LookRequest) -> int:
         return stated_steps(wanted.prompt)
     if (before := wanted.pictures.made_with(wanted.out)) is not None:
         return before
+    held = wanted.held or open_policy(wanted.spec)
+    if (shapes := InputShapes.of(held.model.facts)) is not None:
+        return shapes.steps
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
-        a_few = {"choices": Choices(every=_SELDOM), "ahead": Horizon(1, "delta", rotations=None)}
+        few = Choices(every=_SELDOM, history=history_of(held.model.facts))
+        a_few = {"choices": few, "ahead": Horizon(1, "delta", rotations=None)}
         FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
-        held = wanted.held or open_policy(wanted.spec)
         policy.run(policy.plan(bank, [held], run, extent=PolicySelection(1), conditions=("real",)))
         with Ledger(run / LEDGER) as ledger:
             ((_, reply),) = ledger.replies(wanted.spec)
@@ -201,7 +204,7 @@ class PolicyLook:
             verdict.camera.label,
             tuple(_pictures(scored, spec)),
             f"a mean of {len(planned.plan.frames)} frames",
-            tuple(_steps(self, scored, answer, left=calls > finished)),
+            tuple(_steps(self, scored, answer, verdict.camera.label, left=calls > finished)),
             wanted.report,
             wanted.run,
             finished,
@@ -239,14 +242,14 @@ def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
             yield PictureResult(words, change=one.value, ci=one.ci, n=one.n)
 
 
-def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -> Iterator[NextStep]:
+def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, left: bool) -> Iterator[NextStep]:
     wanted, run = asked.wanted, shlex.quote(str(asked.wanted.run))
     if left:
         yield NextStep("continue where it stopped", wanted.command())
         return
     if answer == "Yes":
         yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
-    elif answer == "Inconclusive":
+    elif CAMERA[label].may_be_more:
         settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
         yield NextStep(f"to settle it: {settle.do}", plan)
     else:

@@ -22,7 +22,8 @@ class Model(Protocol):
     """The door to a model.
 
     ``version`` identifies it: a verdict holds for one version, and a run is not resumed with
-    another. ``facts`` are known without a call (digest, quantisation, template, revision).
+    another. ``facts`` are known without a call (digest, quantisation, template, revision). The fact
+    `HISTORY` is the number of instants before a frame that it needs.
     """
 
     version: str
@@ -73,9 +74,13 @@ WEIGHTS_GB, MEMORY_GB = "weights_gb", "memory_gb"
 STATING = ("openai", "ollama", "hf")
 """Adapters of models whose answers are words; as policies they state a motion's numbers."""
 
+HISTORY = "history"
+"""The fact of a model that sees instants before a frame: how many, without the frame itself."""
+
 POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
+    "lerobot": "eyechart.models.lerobot",
     **{name: ADAPTERS[name] for name in STATING},
 }
 """The module of each adapter of policies; a policy is a model that answers with a motion."""
@@ -118,6 +123,11 @@ def open_policy(policy: str | RequestMode | OpenedModel, timeout_s: float | None
 def states(spec: str) -> bool:
     """Return whether the policy of a SPEC states its motions in words, and needs a prompt."""
     return spec.partition(":")[0] in STATING
+
+
+def history_of(facts: Mapping[str, str]) -> int:
+    """Return how many instants before a frame a model with these facts needs; 0 without the fact."""
+    return int(facts.get(HISTORY, "0"))
 
 
 def policy_mode(spec: str, timeout_s: float | None = None) -> RequestMode:

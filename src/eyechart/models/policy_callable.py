@@ -4,17 +4,22 @@ The callable takes ``(images, state, instruction)``. ``images`` is a dict of uin
 by camera, ``state`` a float array of all its numbers, and ``instruction`` a text or None. It
 returns an array (horizon, dimensions), or a dict with no other array than that one, as ``actions``
 or ``action``. ``python:MODULE:OBJECT.METHOD`` names a method. Calls are independent: the callable
-must answer each as at the beginning of an episode, without a memory of earlier calls. Attributes,
-with their defaults:
+must answer each as at the beginning of an episode, without a memory of earlier calls.
+
+With ``history`` N above 0, it gets N instants before the frame too, from a bank that holds them.
+Each picture then has the shape (N + 1, h, w, 3) and the state (N + 1, d), with the oldest first and
+the frame last. LeRobot's ``n_obs_steps`` counts the frame: it is N + 1.
+
+Attributes, with their defaults:
 ``seedable`` (False): it also takes ``seed=``, and equal seeds give equal answers. ``version`` (the
 start of a digest of its files). ``channels`` (all): the names of the inputs that it reads.
 ``reset`` (none): called before every call. ``step`` (none): its training step, which orders
-checkpoints.
+checkpoints. ``batch`` (none): it takes lists of up to so many images, states and instructions, with
+``seed`` a list too, and returns a list of as many arrays, or an array of them. ``history`` (0): see above.
 """
 
-import asyncio
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from inspect import iscoroutinefunction, signature
@@ -23,25 +28,37 @@ from threading import Lock, Thread
 import numpy as np
 
 from eyechart.calls import Query, Reply
+from eyechart.channels import flat_state
 from eyechart.errors import SpecError
-from eyechart.frames import pixels_of
+from eyechart.frames import RGB, Stimulus, pixels_of
+from eyechart.models import HISTORY, history_of
+from eyechart.models.batches import SIZES, Batches, in_time, is_size
 from eyechart.models.python_callable import (
-    NotCalledError,
+    HISTORIES,
     identity_of,
     import_callable,
     in_thread,
+    is_history,
     made_of_class,
     name_of,
 )
-from eyechart.modes import RequestMode, without_secrets
-from eyechart.spaces.motion import Motion
+from eyechart.modes import RequestMode
+from eyechart.spaces.motion import Floats, Motion
 
 Act = Callable[..., object]
 
 _ALONE: defaultdict[str, Lock] = defaultdict(Lock)
 """A lock for each module: its callables may share a network, so one call runs at a time."""
 
-DECLARED: Mapping[str, object] = {"seedable": False, "version": "", "channels": None, "reset": None, "step": None}
+DECLARED: Mapping[str, object] = {
+    "seedable": False,
+    "version": "",
+    "channels": None,
+    "reset": None,
+    "step": None,
+    HISTORY: 0,
+    "batch": None,
+}
 """The attributes that a callable may declare, with their defaults."""
 
 _MAY_BE: Mapping[str, str] = {
@@ -50,6 +67,8 @@ _MAY_BE: Mapping[str, str] = {
     "channels": "a list of texts, as ['cameras', 'state']: of cameras (all of them), camera:NAME, state, instruction",
     "reset": "a function that takes nothing",
     "step": "a whole number from 0 on",
+    HISTORY: HISTORIES,
+    "batch": SIZES,
 }
 """The allowed values of each attribute, in words."""
 
@@ -59,7 +78,7 @@ class PolicyCallable:
     """A policy as a model; each call of a ``guest`` runs in a thread of its own.
 
     A call waits while another one holds ``alone``. ``facts`` hold what the callable declares:
-    ``seedable``, ``channels`` and ``step``.
+    ``seedable``, ``channels``, ``step``, ``batch`` and ``history``.
     """
 
     act: Act
@@ -68,38 +87,55 @@ class PolicyCallable:
     timeout_s: float
     seedable: bool = False
     reset: Callable[[], object] | None = None
+    history: int = 0
     guest: bool = True
     left: set[Thread] = field(default_factory=set)
     alone: Lock = field(default_factory=Lock)
+    batch: int | None = None
+    batches: Batches = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.batches = Batches(self.batch or 1, self._replies)
 
     async def answer(self, query: Query) -> Reply:
         """Call once. An exception, or a call past the mode's time limit, is a failed Reply."""
-        try:
-            async with asyncio.timeout(self.timeout_s) as limit:
-                call = partial(self._call, query)
-                motion = call() if not self.guest else await in_thread(call, self.left)
-        except NotCalledError as error:
-            return Reply(error="not_called", error_detail=str(error))
-        except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-            if isinstance(error, TimeoutError) and limit.expired():
-                return Reply(error="timeout", error_detail=f"no answer within {self.timeout_s:g} s")
-            return Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:500])
-        return Reply(text=motion.text, finish_reason="stop")
+        return await self.batches.answer(query) if self.batch else (await self._replies([query]))[0]
 
-    def _call(self, query: Query) -> Motion:
-        """Return the answer. Inputs and answer are copies: no call changes those of another."""
-        seen = query.stimulus
-        images = {name: pixels_of(image, name) for name, image in seen.images.items()}
-        state = np.array([number for numbers in seen.state.values() for number in numbers], np.float64)
-        seed = {"seed": query.seed} if self.seedable else {}
+    async def _replies(self, queries: Sequence[Query]) -> list[Reply]:
+        return await in_time(self.timeout_s, queries, self._answers(queries))
+
+    async def _answers(self, queries: Sequence[Query]) -> Sequence[Reply | Exception]:
+        call = partial(self._call, queries)
+        answers = call() if not self.guest else await in_thread(call, self.left)
+        return [one if isinstance(one, Exception) else Reply(text=one.text, finish_reason="stop") for one in answers]
+
+    def _call(self, queries: Sequence[Query]) -> Sequence[Motion | Exception]:
+        """Return the answers. Inputs and answers are copies: no call changes those of another."""
+        given = [(*arrays_of(query.stimulus, self.history), query.user or None) for query in queries]
+        seeds = [query.seed for query in queries]
         with self.alone:  # a call after its time limit may still run
             if self.reset is not None:
                 self.reset()
-            # A copy: the next call may reuse the buffer.
-            return Motion.of(self.act(images, state, query.user or None, **seed))
+            # The answers are copies: the next call may reuse the buffer.
+            if self.batch is None:
+                return [Motion.of(self.act(*given[0], **({"seed": seeds[0]} if self.seedable else {})))]
+            lists = map(list, zip(*given, strict=True))
+            return Motion.each(self.act(*lists, **({"seed": seeds} if self.seedable else {})), len(queries))
 
     async def close(self) -> None:
         """Do nothing: there is nothing to release."""
+
+
+def arrays_of(seen: Stimulus, history: int = 0) -> tuple[dict[str, RGB], Floats]:
+    """Return pictures by camera, shape (h, w, 3), uint8, and all numbers of the state, shape (d,).
+
+    With ``history`` above 0 both have a first axis of ``history + 1`` instants, the oldest first.
+    Raises ValueError if there are fewer, or if a camera's pictures differ in size.
+    """
+    window = seen.window(history)
+    images = {name: np.stack([pixels_of(one.images[name], name) for one in window]) for name in seen.images}
+    state = np.array([flat_state(one.state) for one in window], np.float64)
+    return (images, state) if history else ({name: many[0] for name, many in images.items()}, state[0])
 
 
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
@@ -124,13 +160,15 @@ def hold(act: Act, mode: RequestMode) -> PolicyCallable:
 def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str]) -> PolicyCallable:
     """Return a policy with its declared attributes; ``found`` is the default version."""
     own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
-    seedable, version, channels, reset, step = (own[what] for what in DECLARED)
+    seedable, version, channels, reset, step, history, batch = (own[what] for what in DECLARED)
     wrong = {
         "seedable": not isinstance(seedable, bool),
         "version": not isinstance(version, str),
         "channels": not (channels is None or (isinstance(channels, list | tuple) and all(map(_is_word, channels)))),
         "reset": not (reset is None or callable(reset)),
         "step": not (step is None or (isinstance(step, int) and not isinstance(step, bool) and step >= 0)),
+        HISTORY: not is_history(history),
+        "batch": not is_size(batch),
     }
     if amiss := [what for what, bad in wrong.items() if bad]:
         raise SpecError(f"'{mode.spec}' declares {amiss[0]} = {own[amiss[0]]!r}; it must be {_MAY_BE[amiss[0]]}")
@@ -141,6 +179,10 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         facts["channels"] = ", ".join(channels)
     if step is not None:
         facts["step"] = str(step)
+    if isinstance(history, int) and history:
+        facts[HISTORY] = str(history)
+    if isinstance(batch, int):
+        facts["batch"] = str(batch)
     return PolicyCallable(
         act,
         str(version) or found,
@@ -148,6 +190,8 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         mode.timeout_s,
         seedable=bool(seedable),
         reset=reset if callable(reset) else None,
+        history=history_of(facts),
+        batch=batch if isinstance(batch, int) else None,
     )
 
 

@@ -1,5 +1,6 @@
 """The doctor of policies: at most twenty calls that check their inputs and their motions."""
 
+import asyncio
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,19 +12,22 @@ from eyechart.calls import Query, Reply
 from eyechart.channels import (
     CAMERA,
     CAMERAS,
+    INSTRUCTION,
+    STATE,
     flat_state,
     logs,
     reads,
     relative,
     relative_log,
-    require_channels,
+    require_history,
+    require_inputs,
     told,
 )
-from eyechart.conditions import show
+from eyechart.conditions import mixed, show
 from eyechart.errors import BankError
 from eyechart.event_loops import in_own_loop
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
-from eyechart.models import Model, OpenedModel, ask, open_policy, states
+from eyechart.models import Model, OpenedModel, ask, history_of, open_policy, states
 from eyechart.models.policy_callable import PolicyCallable
 from eyechart.modes import RequestMode
 from eyechart.prompts import Prompt, motion_prompt, says
@@ -39,11 +43,15 @@ _FEW = 4
 """The number of further frames for comparison with the log."""
 _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
 """Bounds of another unit: sizes as ratios to the log's, and a mean's distance in deviations."""
+_ALIKE = 0.01
+"""Answers that differ by less than this share of what those to two frames differ by count as equal."""
 _FAINT = 0.02
 """The share of another frame's change below which a channel hardly counts."""
 _CONSTANT, _NOISY = 0.02, 0.5
 """Shares of variance: below the first, of the log's, answers are constant. Repeats above the
 second, of the answers', hide whether they are."""
+_REVERSED, _DIGITS = 0.9, 6
+"""From this share of steps on the wrong side a number of two values, equal to so many decimals, is reversed."""
 _FITS, _BETTER = 0.25, 0.25
 """Shares of error: below the first, of the log's variance, an answer fits the log. Below the
 second, of the given pictures' error, another form fits better."""
@@ -111,7 +119,8 @@ def examine_policy(
         raise BankError(f"the bank {bank.root} declares no motion, so no answer can be compared with it")
     formulation = motion_prompt(bank, prompt, in_words=states(spec))
     declared = (CAMERAS, *sorted(says(formulation, bank))) if states(spec) else _declared(model)
-    require_channels(spec, declared, bank)
+    require_inputs(spec, model.facts, bank)
+    require_history(spec, history_of(model.facts), bank)
     calls = _ProbeCalls(model, _ProbeFrames(bank, formulation), tell)
     return in_own_loop(_examine(spec, calls, declared))
 
@@ -164,8 +173,8 @@ class _ProbeFrames:
         return next((one for one in (self.other, *others) if seen(one) != seen(self.first)), None)
 
     def of(self, frame: Frame) -> Stimulus:
-        """Return a frame as a stimulus: pictures, fields and state."""
-        return Stimulus(self.bank.images(frame), frame.fields, frame.state)
+        """Return a frame as a stimulus: pictures, fields and state, and the instants before it."""
+        return show("real", frame, self.bank, 0)
 
     @property
     def pair(self) -> tuple[Frame, ...]:
@@ -177,18 +186,8 @@ class _ProbeFrames:
     def forms(self, frame: Frame) -> dict[str, Stimulus]:
         """Return a frame with its pictures in wrong forms, by the name of the likely mistake."""
         seen = self.of(frame)
-        pixels = {name: decode(image, name) for name, image in seen.images.items()}
-        names = list(pixels)
-        made = {
-            "red and blue exchanged": {name: pixel[..., ::-1] for name, pixel in pixels.items()},
-            "turned by half": {name: pixel[::-1, ::-1] for name, pixel in pixels.items()},
-            "the cameras exchanged": dict(zip(names, (pixels[name] for name in (*names[1:], names[0])), strict=True)),
-        }
-        return {
-            what: replace(seen, images={name: encode(np.ascontiguousarray(one)) for name, one in many.items()})
-            for what, many in made.items()
-            if len(names) > 1 or what != "the cameras exchanged"
-        }
+        past = [_forms(one) for one in seen.past]
+        return {what: replace(one, past=tuple(many[what] for many in past)) for what, one in _forms(seen).items()}
 
     def logged(self, frames: Sequence[Frame], answers: Floats | None = None) -> Floats:
         """Return the logged motions of frames, or ``answers`` instead, relative to their states."""
@@ -197,6 +196,12 @@ class _ProbeFrames:
     def as_given(self, answer: Motion) -> Floats:
         """Return an answer as motions are compared, not relative to the state."""
         return self.space.relative(answer.array, None)
+
+    def compared(self, answer: Decision[Motion]) -> Decision[Motion]:
+        """Return an answer as motions are compared: a quaternion and its negative are equal."""
+        if answer.action is None or not self.space.rotations_of("motion"):
+            return answer
+        return replace(answer, action=Motion.of(self.as_given(answer.action)))
 
     def error(self, frame: Frame, answer: Motion) -> float:
         """Return the mean squared error to the logged motion, over the log's variance."""
@@ -209,18 +214,17 @@ class _ProbeFrames:
 
     def changed(self) -> Iterator[tuple[str, Stimulus]]:
         """Yield the first frame with one change: a channel of another frame, or a grey picture."""
-        mine, theirs = self.of(self.first), self.of(self.other)
-        cameras = list(mine.images)
+        mine, theirs, cameras = self.first, self.other, list(self.first.pictures)
         if (other := self.other_by(cameras)) is not None:
-            yield CAMERAS, replace(mine, images=self.bank.images(other))
-        yield "grey", show("blank", self.first, self.bank, 0)
+            yield CAMERAS, mixed(mine, other, CAMERAS, self.bank)
+        yield "grey", show("blank", mine, self.bank, 0)
         if mine.state and mine.state != theirs.state:
-            yield "state", replace(mine, state=theirs.state)
+            yield STATE, mixed(mine, theirs, STATE, self.bank)
         if mine.fields and told(mine.fields) != told(theirs.fields):
-            yield "instruction", replace(mine, fields=theirs.fields)
+            yield INSTRUCTION, mixed(mine, theirs, INSTRUCTION, self.bank)
         for name in cameras if len(cameras) > 1 else ():
             if (other := self.other_by([name])) is not None:
-                yield f"camera:{name}", replace(mine, images={**mine.images, name: self.bank.images(other)[name]})
+                yield f"{CAMERA}{name}", mixed(mine, other, f"{CAMERA}{name}", self.bank)
 
     def alike(self) -> Iterator[str]:
         """Yield the channels of cameras with the same pictures in every other episode."""
@@ -238,6 +242,22 @@ class _ProbeFrames:
         pixels = {name: decode(image, name) for name, image in self.bank.images(self.first).items()}
         pictures = ", ".join(f"{name}: {pixel.shape} {pixel.dtype}" for name, pixel in pixels.items())
         return f"the pictures {pictures}; {numbers}; {told}"
+
+
+def _forms(seen: Stimulus) -> dict[str, Stimulus]:
+    """Return an instant with its pictures in wrong forms, by the name of the likely mistake."""
+    pixels = {name: decode(image, name) for name, image in seen.images.items()}
+    names = list(pixels)
+    made = {
+        "red and blue exchanged": {name: pixel[..., ::-1] for name, pixel in pixels.items()},
+        "turned by half": {name: pixel[::-1, ::-1] for name, pixel in pixels.items()},
+        "the cameras exchanged": dict(zip(names, (pixels[name] for name in (*names[1:], names[0])), strict=True)),
+    }
+    return {
+        what: replace(seen, images={name: encode(np.ascontiguousarray(one)) for name, one in many.items()})
+        for what, many in made.items()
+        if len(names) > 1 or what != "the cameras exchanged"
+    }
 
 
 _UNASKED: Decision[Motion] = Decision(None, "error")
@@ -277,6 +297,10 @@ class _ProbeCalls:
         self.failed = [*(self.failed if lacks in self.failed else ()), *([lacks] if lacks else ())]
         return self.asked.space.read(reply)
 
+    async def together(self, seen: Sequence[Stimulus]) -> list[Decision[Motion]]:
+        """Return the answers to stimuli that are asked at once, so that they share a batch."""
+        return await asyncio.gather(*map(self.motion, seen))
+
 
 async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> PolicyDiagnosis:
     asked, model = calls.asked, calls.model
@@ -285,15 +309,20 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         order = [await calls.motion(seen) for seen in (mine, mine, theirs, mine)]
         changed = {name: await calls.motion(seen) for name, seen in asked.changed()}
         further = {frame.id: await calls.motion(asked.of(frame)) for frame in asked.further}
-        findings = [_motions(calls, [*order, *changed.values(), *further.values()])]
-        forms = await _formed(calls, further) if not _drawn(order) else {}
+        # A run judges a policy that fails on grey alone by its other answers, so that is no fault here.
+        seen = [answer for name, answer in changed.items() if name != "grey"]
+        findings = [_motions(calls, [*order, *seen, *further.values()])]
+        together = await calls.together([mine, theirs]) if "batch" in model.facts else []
+        compared = [asked.compared(one) for one in order]
+        forms = await _formed(calls, further) if not _drawn(compared) else {}
     finally:
         await close(model)
     if order[0].action is not None:
-        varies = len({one.action for one in (*order, *further.values())}) > 1
+        varies = len({asked.compared(one).action for one in (*order, *further.values())}) > 1
         seeded = model.facts.get("seedable") == "true"
-        findings += [_again(order, varies=varies, seeded=seeded)]
-        reached = list(_reached(order, changed))
+        findings += [_again(compared, varies=varies, seeded=seeded)]
+        findings += [_in_a_batch(compared, [asked.compared(one) for one in together])] if together else []
+        reached = list(_reached(compared, {name: asked.compared(one) for name, one in changed.items()}))
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
         findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
@@ -346,6 +375,23 @@ def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Poli
     return PolicyCheck("same", None, said)
 
 
+def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]]) -> PolicyCheck:
+    """Check whether two frames in one batch get the answers that each gets alone."""
+    pairs = [(order[0].action, together[0].action), (order[2].action, together[1].action)]
+    known = [(alone, shared) for alone, shared in pairs if alone is not None and shared is not None]
+    if len(known) < len(pairs) or _drawn(order):
+        why = "its answers are drawn at random" if _drawn(order) else "not every call returned a motion"
+        return PolicyCheck("batch", None, f"whether a batch gets the answers of single calls is open: {why}")
+    whole = _apart(known[0][0], known[1][0])
+    size = max(_apart(alone, shared) for alone, shared in known)
+    if size <= ROUNDING * whole:
+        return PolicyCheck("batch", True, "two frames in a batch get the answers that each gets alone")
+    words = f"in a batch its answers differ from those alone by {size / whole:.2g} of what two frames differ by"
+    if whole and size <= _ALIKE * whole:
+        return PolicyCheck("batch", True, f"{words}, which a run takes for equal")
+    return PolicyCheck("batch", False, f"{words}: are they in the order of the queries, and without regard to others?")
+
+
 def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[PolicyCheck]:
     """Yield a check of each channel: whether its change changes the answer, and by enough."""
     first, other, drawn = order[0].action, order[2].action, _drawn(order)
@@ -356,6 +402,7 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
     for name, one in changed.items():
         if one.action is None or drawn:
             why = "the call was not made" if one is _UNASKED else f"no motion: {one.reason}"
+            why += ". A run judges it by its other answers" if name == "grey" and one is not _UNASKED else ""
             why = "its answers are drawn at random, so a change shows nothing" if drawn else why
             yield PolicyCheck(name, None, why)
         elif (size := _apart(first, one.action)) <= near:
@@ -472,12 +519,33 @@ def _varies(asked: _ProbeFrames, order: list[Decision[Motion]], further: Mapping
 def _with_history(check: PolicyCheck, model: Model) -> PolicyCheck:
     """Return the check of constant answers; inconclusive where ``model`` may need earlier instants.
 
-    A policy that declares reset keeps something between calls. It begins each call without that.
+    A policy that declares reset, and no history, keeps something between calls. It begins each call
+    without that.
     """
-    if check.fine is not False or not isinstance(model, PolicyCallable) or model.reset is None:
+    if check.fine is not False or not isinstance(model, PolicyCallable) or model.reset is None or model.history:
         return check
-    said = "It declares reset, and each call gives it one instant: a policy with a history cannot be asked yet"
+    said = "It declares reset, and each call gives it one instant: if it needs earlier ones, let it declare history"
     return replace(check, fine=None, says=f"{check.says.partition(':')[0]}. {said}")
+
+
+def _reversed(asked: _ProbeFrames, kept: Sequence[tuple[Frame, Floats]]) -> PolicyCheck | None:
+    """Return the check of a number with two values in the log that nearly always has the other one.
+
+    A gripper is such a number, and data sets close it by either sign.
+    """
+    log = np.concatenate([frame.motion for frame in asked.logs])
+    logged = np.concatenate([frame.motion for frame, _ in kept])
+    own = np.concatenate([numbers for _, numbers in kept])
+    for number in asked.space.plain:
+        values = np.unique(np.round(log[:, number], _DIGITS))
+        wanted, given = (many[:, number] > values.mean() for many in (logged, own))
+        if len(values) != 2 or wanted.all() or not wanted.any():
+            continue
+        if (share := float((wanted != given).mean())) >= _REVERSED and given.any() and not given.all():
+            name = asked.space.dimensions[number].name
+            said = f"'{name}' has two values in the log, and the answers have the other one in {share:.0%} of the steps"
+            return PolicyCheck("unit", False, f"{said}: is its sign the other, as of a gripper that closes by it?")
+    return None
 
 
 def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
@@ -490,6 +558,8 @@ def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> Polic
     if len(kept) < 2:
         return PolicyCheck("unit", None, "too few logged motions to compare the answers with")
     frames = [frame for frame, _ in kept]
+    if (turned := _reversed(asked, kept)) is not None:
+        return turned
     answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
     logged, every = asked.logged(frames), asked.logged(asked.logs)
     here, usual, size = (np.maximum(np.sqrt((one**2).mean(axis=(0, 1))), 1e-9) for one in (logged, every, answers))

@@ -28,6 +28,7 @@ from eyechart.verdicts.share_predicates import (
     Statistics,
     disuse,
     every,
+    fails,
     following,
     measured,
     sentence,
@@ -167,6 +168,7 @@ def judge_policy(
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
     remarks = [f"{left} calls are unfinished: what is said of part of a run may change"] if left else []
+    remarks += _fails_on(asked.failing)
     guarded = UNGUARDED.evaluate(known)
     nothing = judged(guarded)
     if failed:
@@ -276,7 +278,7 @@ UNFIT = compared("misfit", "value", ">=", MISFIT)
 UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">", SPREAD)))
 _MOTIONS = compared("motions", "value", "<", 1 - UNSCORABLE, untested=True)
 _ODD = "a skipped normalisation, another action space, or a policy that is hardly trained"
-_AN_INSTANT = "when it is given one instant; a policy with a history cannot be asked yet"
+_INSTANTS = "with the instants that it is given; a policy that needs earlier ones declares history"
 _SWAP, _NUDGED = "T.swapped@cameras", "T.nudged"
 _BY_BYTES = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
 _NOT_SHOWN = (
@@ -298,10 +300,10 @@ GUARDING = Axis(
             "constant",
             "variation",
             (compared("variation", "value", "<", CONSTANT),),
-            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_AN_INSTANT}",
+            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_INSTANTS}",
         ),
         Rule(
-            "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_AN_INSTANT}"
+            "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_INSTANTS}"
         ),
         Rule(
             "self_inconsistent",
@@ -389,6 +391,13 @@ def _unguarded() -> Iterator[Rule]:
 
 
 UNGUARDED = Axis("unguarded", tuple(_unguarded()))
+
+
+def _fails_on(failing: Mapping[str, tuple[int, int]]) -> Iterator[str]:
+    """Say which computed pictures a policy fails on, and that it is judged by the others."""
+    if failing:
+        said = ", and ".join(fails(name, *counts) for name, counts in failing.items())
+        yield sentence(f"{said}: what it would do there is not known, and it is judged by its other answers", end="")
 
 
 def _left_out(motions: Statistic, missing: Mapping[str, int]) -> Iterator[str]:
