@@ -15,6 +15,7 @@ from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.records import JsonRecord
 from eyechart.spaces.motion import require_motions
 from eyechart.spaces.space import MISSING, AnySpace, Missing
+from eyechart.spaces.stated_motion import StatedMotionSpace
 
 ALL = "all"
 """The name of the account that holds every condition."""
@@ -202,7 +203,7 @@ class _ConditionSums:
 class UnreadReply(JsonRecord):
     """A reply without a decision: its count, the reason, and its first characters, made printable.
 
-    For policies ``text`` is the fault of the array, and errors are listed too, by their text.
+    For policies ``text`` is the fault of the array (of words, the words), and errors are listed too, by their text.
     """
 
     count: int
@@ -224,7 +225,8 @@ def unread(ledger: Ledger, model: str, space: AnySpace, read: DecisionReader) ->
         decision = read(key, reply)
         if decision.missing is None or (reply.error is not None and not of_policy):
             continue
-        why, text = decision.why, require_motions(space).lacks(reply) if of_policy else reply.text
+        in_words = not of_policy or isinstance(space, StatedMotionSpace)
+        why, text = decision.why, reply.text if in_words else require_motions(space).lacks(reply)
         if reply.error is not None:
             why, text = reply.error, reply.error_detail
         seen = (decision.missing, why, printable(text))

@@ -191,7 +191,12 @@ def _text_only(frame: Frame, *_: object) -> Stimulus:
 
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
     other = text_source_frame(frame, source, seed)
-    return _each(lambda own, theirs: Stimulus(source.images(own), theirs.fields, own.state), frame, other)
+
+    def told(own: Frame, theirs: Frame) -> Stimulus:
+        state = {name: (theirs if name in source.said else own).state[name] for name in own.state}
+        return Stimulus(source.images(own), theirs.fields, state)
+
+    return _each(told, frame, other)
 
 
 def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
@@ -526,12 +531,17 @@ def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
     It differs in the prompt's fields, and is of the same scenario if possible. Raises BankError if
     all frames of the bank have the same text.
     """
-    told = [frame.fields[field] for field in source.said]
-    others = [other for other in source.frames if [other.fields[field] for field in source.said] != told]
+    told = _told_of(frame, source)
+    others = [other for other in source.frames if _told_of(other, source) != told]
     near = [other for other in others if other.scenario == frame.scenario] or others
     if not near:
         raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {told}")
     return near[int(np.random.default_rng(seed).integers(len(near)))]
+
+
+def _told_of(frame: Frame, source: Source) -> list[object]:
+    """Return what a prompt's words say of a frame: its columns, and named parts of its state."""
+    return [frame.state[name] if name in frame.state else frame.fields[name] for name in source.said]
 
 
 def find_condition(name: str, who: str = "model") -> Condition:
