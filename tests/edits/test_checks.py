@@ -145,9 +145,9 @@ def test_a_copy_that_would_be_too_large_or_under_the_own_vehicle_is_not_made(tmp
     """A far lead is not brought near; a foot that the bonnet hides is not one."""
     drawn = Drawn("a.png", ((7.0, 0.0, RED),))
     drawn_roads.write_pictures(tmp_path / "photos", [drawn])
-    hooded = with_thing(ObjectBox("own", Box(0, 106, 200, 150), None))(photo_of(drawn))
+    hooded = with_thing(ObjectBox("own", Box(0, 107, 200, 150), None))(photo_of(drawn))
     for near, photo, reason in (
-        ((4.0, 4.2), hooded, "or the own vehicle hides its foot"),
+        ((4.0, 4.1), hooded, "or the own vehicle hides its foot"),
         ((1.0, 1.2), photo_of(drawn), "which is not from 0.11 to 4"),
     ):
         source = EditSource(tmp_path / "photos", Annotations((photo,), ()), tmp_path, cut="box")
