@@ -171,14 +171,14 @@ def test_nothing_is_laid_over_the_own_vehicle(tmp_path: Path) -> None:
     """The strip of road around a near copy's foot ends at the bonnet, whose pixels stay."""
     drawn = Drawn("a.png", ((7.0, 0.0, RED),))
     pixels = drawn.pixels()
-    pixels[108:, 60:140] = (0, 200, 0)
+    pixels[112:, 60:140] = (0, 200, 0)
     (tmp_path / "photos").mkdir()
     Image.fromarray(pixels).save(tmp_path / "photos" / "a.png")
-    photo = with_thing(ObjectBox("own", Box(60, 108, 140, 150), None))(photo_of(drawn))
+    photo = with_thing(ObjectBox("own", Box(60, 112, 140, 150), None))(photo_of(drawn))
     source = EditSource(tmp_path / "photos", Annotations((photo,), ()), tmp_path, cut="box")
-    record = edit_photographs(source, Moves((4.2, 4.3), FAR, shadow=0.2), tmp_path / "out")
+    record = edit_photographs(source, Moves((3.9, 4.0), FAR, shadow=0.2), tmp_path / "out")
     assert "lead_near" in record.copies["a.png"]
     for name in ("lead_near", "lead_far", "patched"):
         with Image.open(tmp_path / "out" / name / "a.png") as picture:
             made = np.asarray(picture.convert("RGB"))
-        assert (made[108:, 60:140] == (0, 200, 0)).all(), name
+        assert (made[112:, 60:140] == (0, 200, 0)).all(), name
