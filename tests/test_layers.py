@@ -97,6 +97,7 @@ ASSEMBLED = {
     "ledger",
     "looks",
     "models.huggingface",
+    "models.lerobot",
     "probe",
     "report",
     "serve",

@@ -112,7 +112,7 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("late_pictures", "same", False, "it keeps a memory; declare reset"),
         ("tiled", "same", None, "or keeps a memory; for a memory, declare reset"),
         ("cached", "cameras", False, "does the policy repeat an earlier answer?"),
-        ("goes_on", "constant", None, "a policy with a history cannot be asked yet"),
+        ("goes_on", "constant", None, "if it needs earlier ones, let it declare history"),
         ("unseeded", "same", False, "two answers with one seed"),
         ("jitters", "same", True, "except for rounding"),
         ("jitters_unseeing", "cameras", False, "another picture changes the answer by no more than rounding"),

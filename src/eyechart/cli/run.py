@@ -285,7 +285,8 @@ def policy(
     """Ask policies about every frame of a bank, with channels exchanged between episodes.
 
     A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and
-    returns an array (horizon, dimensions). Exit 1: calls are unfinished, or a policy never gave a
+    returns an array (horizon, dimensions). lerobot:CHECKPOINT is a folder that LeRobot's
+    save_pretrained wrote. Exit 1: calls are unfinished, or a policy never gave a
     motion; 3: stopped at --max-calls.
     Example: eyechart run policy --policy python:my_robot:act --frames bank --out run
     """

@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from eyechart.channels import CAMERAS
+from eyechart.channels import CAMERAS, InputShapes
 from eyechart.costs import assumed, estimate
 from eyechart.formats import FORMATS
 from eyechart.frames import open_bank
@@ -19,7 +19,7 @@ from eyechart.looks.answer import Look, NextStep, PictureResult
 from eyechart.looks.reach import affordable
 from eyechart.looks.request import Bill, LookRequest, Watch, write_report
 from eyechart.manifest import LEDGER, is_run, read_manifest
-from eyechart.models import OpenedModel, open_policy
+from eyechart.models import OpenedModel, history_of, open_policy
 from eyechart.models.prices import read_prices
 from eyechart.planned_run import RunAllowance
 from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, examine_policy
@@ -54,11 +54,14 @@ def steps_of(wanted: LookRequest) -> int:
         return 1
     if (before := wanted.pictures.made_with(wanted.out)) is not None:
         return before
+    held = wanted.held or open_policy(wanted.spec)
+    if (shapes := InputShapes.of(held.model.facts)) is not None:
+        return shapes.steps
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
-        a_few = {"choices": Choices(every=_SELDOM), "ahead": Horizon(1, "delta", rotations=None)}
+        few = Choices(every=_SELDOM, history=history_of(held.model.facts))
+        a_few = {"choices": few, "ahead": Horizon(1, "delta", rotations=None)}
         FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
-        held = wanted.held or open_policy(wanted.spec)
         policy.run(policy.plan(bank, [held], run, extent=PolicySelection(1), conditions=("real",)))
         with Ledger(run / LEDGER) as ledger:
             ((_, reply),) = ledger.replies(wanted.spec)

@@ -22,7 +22,8 @@ class Model(Protocol):
     """The door to a model.
 
     ``version`` identifies it: a verdict holds for one version, and a run is not resumed with
-    another. ``facts`` are known without a call (digest, quantisation, template, revision).
+    another. ``facts`` are known without a call (digest, quantisation, template, revision). The fact
+    `HISTORY` is the number of instants before a frame that it needs.
     """
 
     version: str
@@ -70,9 +71,13 @@ LOCAL = ("hf", "ollama")
 WEIGHTS_GB, MEMORY_GB = "weights_gb", "memory_gb"
 """Facts of a model, in 10^9 bytes: the size of its weights, and the memory that they load into."""
 
+HISTORY = "history"
+"""The fact of a model that sees instants before a frame: how many, without the frame itself."""
+
 POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
+    "lerobot": "eyechart.models.lerobot",
 }
 """The module of each adapter of policies; a policy is a model that answers with a motion."""
 
@@ -102,6 +107,11 @@ def open_policy(policy: str | OpenedModel, timeout_s: float | None = None) -> Op
         return policy
     mode = policy_mode(policy, timeout_s)
     return OpenedModel(mode, open_model(policy, mode, answering="policy"))
+
+
+def history_of(facts: Mapping[str, str]) -> int:
+    """Return how many instants before a frame a model with these facts needs; 0 without the fact."""
+    return int(facts.get(HISTORY, "0"))
 
 
 def policy_mode(spec: str, timeout_s: float | None = None) -> RequestMode:

@@ -338,9 +338,9 @@ GUARDS: dict[str, UseLabel] = {
         advice="compare the means and spreads of its answers with the log's: un-normalise, or declare the unit.",
     ),
     "constant": UseLabel(
-        "its answers to one instant at a time hardly vary",
+        "its answers hardly vary",
         advice="look at what reaches it: an input that is always the same, or an output that is scaled away. "
-        "A policy with a history cannot be asked yet: each call gives it one instant.",
+        "A policy that needs earlier instants declares history, and a bank holds them (--history).",
     ),
     "self_inconsistent": UseLabel(
         "its answers to one moment differ more than to different moments, or with the call before",

@@ -271,7 +271,7 @@ UNFIT = compared("misfit", "value", ">=", MISFIT)
 UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">", SPREAD)))
 _MOTIONS = compared("motions", "value", "<", 1 - UNSCORABLE, untested=True)
 _ODD = "a skipped normalisation, another action space, or a policy that is hardly trained"
-_AN_INSTANT = "when it is given one instant; a policy with a history cannot be asked yet"
+_INSTANTS = "with the instants that it is given; a policy that needs earlier ones declares history"
 _SWAP, _NUDGED = "T.swapped@cameras", "T.nudged"
 _BY_BYTES = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
 _NOT_SHOWN = (
@@ -293,10 +293,10 @@ GUARDING = Axis(
             "constant",
             "variation",
             (compared("variation", "value", "<", CONSTANT),),
-            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_AN_INSTANT}",
+            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_INSTANTS}",
         ),
         Rule(
-            "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_AN_INSTANT}"
+            "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_INSTANTS}"
         ),
         Rule(
             "self_inconsistent",

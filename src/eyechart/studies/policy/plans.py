@@ -9,8 +9,8 @@ from typing import Unpack
 import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import channels_of, instruction_column, require_channels
-from eyechart.conditions import OVER, PARTNERS, find_condition
+from eyechart.channels import channels_of, instruction_column, require_history, require_inputs
+from eyechart.conditions import FROZEN, NO_HISTORY, OVER, PARTNERS, find_condition
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.errors import BankError, SpecError, did_you_mean
 from eyechart.event_loops import make_calls
@@ -19,7 +19,7 @@ from eyechart.importing.log_warnings import notes
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
 from eyechart.manifest import LEDGER, RunManifest, asked_of
-from eyechart.models import OpenedModel, open_policy
+from eyechart.models import OpenedModel, history_of, open_policy
 from eyechart.planned_run import RunAllowance, RunEnding, calls_ended
 from eyechart.prompts import policy_prompt
 from eyechart.run import MotionPlan, RunOptions, Stages, in_order, spread
@@ -132,7 +132,8 @@ def plan(
     bank = open_whole(bank_path)
     _require_asked(bank)
     for spec, model in models.items():
-        require_channels(spec, tuple(filter(None, model.facts.get("channels", "").split(", "))), bank)
+        require_inputs(spec, model.facts, bank)
+        require_history(spec, history_of(model.facts), bank)
     supplied, left_out = conditions_of(bank)
     asked = _conditions_asked(bank, conditions or supplied, shapley=extent.shapley)
     assert bank.manifest.motion is not None
@@ -177,6 +178,8 @@ def _unknown(name: str, bank: FrameBank) -> str:
     """Say which channel or camera of a condition the bank lacks, and which it has."""
     base, over, channel = name.partition(OVER)
     cameras = [camera.name for camera in bank.frames[0].cameras]
+    if base == FROZEN and not bank.manifest.history:
+        return NO_HISTORY
     if not over or (base not in PARTNERS and channel in cameras):
         return "the bank has no such pictures"
     what, known = ("channel", [*channels_of(bank)]) if base in PARTNERS else ("camera", cameras)
