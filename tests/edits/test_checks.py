@@ -10,7 +10,7 @@ from PIL import Image
 
 import drawn_roads
 from drawn_roads import BLUE, EYE_M, HORIZON, LANE_M, RED, Drawn
-from eyechart.edits import PICTURES, Annotations, EditRecord, EditSource, Moves, ObjectBox, Photo, edit_photographs
+from eyechart.edits import PICTURES, Annotations, EditResult, EditSource, Moves, ObjectBox, Photo, edit_photographs
 from eyechart.edits.geometry import Box
 
 NEAR, FAR = (4.0, 5.0), (12.0, 15.0)
@@ -27,7 +27,7 @@ def photo_of(drawn: Drawn, roles: tuple[str, ...] = ("lead", "", "")) -> Photo:
     return Photo(drawn.file, {}, float(HORIZON), beside=("left", "right"), things=tuple(things), where="row 1")
 
 
-def edited(folder: Path, boxes: tuple[tuple[float, float, tuple[int, int, int]], ...], change: Change) -> EditRecord:
+def edited(folder: Path, boxes: tuple[tuple[float, float, tuple[int, int, int]], ...], change: Change) -> EditResult:
     """Edit a photograph of boxes beside one that is in order, so that something is made."""
     sound, drawn = Drawn("sound.png", (LEAD,)), Drawn("a.png", boxes)
     drawn_roads.write_pictures(folder / "photos", [sound, drawn])
@@ -36,7 +36,7 @@ def edited(folder: Path, boxes: tuple[tuple[float, float, tuple[int, int, int]],
     return edit_photographs(source, Moves(NEAR, FAR, LANE_M, EYE_M), folder / "out")
 
 
-def refused(record: EditRecord) -> dict[str, str]:
+def refused(record: EditResult) -> dict[str, str]:
     """Return the reasons of the photograph by picture."""
     return {one.picture: one.reason for one in record.refused if one.file == "a.png"}
 
