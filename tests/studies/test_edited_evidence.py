@@ -2,19 +2,17 @@
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import edited_worlds
-from edited_oracles import ORACLES, TRACES, TRUE, Known, Oracle, by_trace, noisy
+from edited_oracles import ORACLES, TRACES, TRUE, Known, Oracle, by_trace
 from eyechart.conditions import NUDGES, is_available, show
 from eyechart.edits import EditSource, Moves, edit_photographs, read_annotations
 from eyechart.frames import Frame, FrameBank, decode, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.spaces.space import Decision
-from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.paper_statistics import Resampling
@@ -23,6 +21,7 @@ from eyechart.verdicts.ruling import Ruling
 
 EDITED = ("lead_near", "lead_far", "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart", "patched")
 CONDITIONS = ("real", "real_repeat", "shuffled", *EDITED, *NUDGES)
+FRAMES = 72
 PASSES = {"chimera"}
 """Oracles that get depth all the same; docs/verdicts.md says which, and why."""
 
@@ -31,9 +30,9 @@ Pictures = Mapping[tuple[str, str], Known]
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of 60 edited moments of the rover, in 15 episodes."""
+    """Return a bank of 72 edited moments of the rover, in 15 episodes."""
     folder = tmp_path_factory.mktemp("edited")
-    found = edited_worlds.moments("rover", 60)
+    found = edited_worlds.moments("rover", FRAMES)
     photos, table, objects = edited_worlds.write(folder, found)
     source = EditSource(photos, read_annotations(photos, table, objects), folder)
     eye_m, limits = found[0].world.view.eye_m, edited_worlds.LIMITS
@@ -46,7 +45,7 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
 def pictures(bank: FrameBank) -> Pictures:
     """Return every picture of the bank, with how it was edited."""
     copies = json.loads((bank.root.parent / "edited" / "edit.json").read_text())["copies"]
-    moments = {one.file: one for one in edited_worlds.moments("rover", 60)}
+    moments = {one.file: one for one in edited_worlds.moments("rover", FRAMES)}
     found: dict[tuple[str, str], Known] = {}
     for frame in bank:
         file = frame.file.split("taken/")[-1]
@@ -65,7 +64,7 @@ def pictures(bank: FrameBank) -> Pictures:
             bare = mask & ~edited_worlds.differ(shown, plate)
             elsewhere = edited_worlds.differ(shown, real) & ~mask if base == "patched" else np.zeros_like(mask)
             ghost = float((bare.sum() + elsewhere.sum()) / mask.sum())
-            lead = max(scales, key=lambda one: abs(np.log(one))) if base == "patched" else scales[0]
+            lead = min(copies[file][base], key=lambda one: abs(one["left_m"]))["scale"]
             largest = max(max(copy["scale"] for copy in many) for many in copies[file].values())
             if base == "patched":  # it is as soft as the lead's own largest magnification
                 lead = max(largest, 1.3)
