@@ -340,7 +340,7 @@ def test_a_bank_is_declared_in_place_and_its_runs_stay_valid(tmp_path: Path) -> 
     assert check(root) == []
     assert {one: one.read_bytes() for one in root.rglob("*.png")} == pictures
     printed = json.loads(CliRunner().invoke(app, ["verdict", str(run), "--json"]).stdout)
-    assert next(iter(printed.values()))["made"] == "staged"
+    assert printed["models"]["scripted:depth"]["made"] == "staged"
     assert not list(root.glob(".manifest*"))
 
 
