@@ -209,6 +209,12 @@ class Source(Protocol):
     def said(self) -> tuple[str, ...]:
         """The prompt columns that the prompt states for a frame."""
 
+    def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
+        """Return frames to take another text from, and the places of those with this frame's text.
+
+        They are those of the frame's scenario, or all where these have one text.
+        """
+
     @property
     def stores_noise(self) -> bool:
         """Whether noise is stored as an uncompressed PNG, since compression makes it no smaller."""
@@ -420,6 +426,25 @@ class FrameBank:
         for frame in self.frames:
             grouped[frame.scenario].append(frame)
         return {name: tuple(frames) for name, frames in grouped.items()}
+
+    def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
+        """Return frames to take another text from, and the places of those with this frame's text.
+
+        They are those of the frame's scenario, or all where these have one text.
+        """
+        text = tuple(frame.fields[name] for name in self.said)
+        near, same = self.scenarios[frame.scenario], self._by_text[frame.scenario].get(text, [])
+        return (near, same) if len(same) < len(near) else (self.frames, self._by_text[None].get(text, []))
+
+    @cached_property
+    def _by_text(self) -> Mapping[str | None, Mapping[tuple[Scalar, ...], list[int]]]:
+        """Return the places of each text among a scenario's frames, and among all under None."""
+        found: dict[str | None, dict[tuple[Scalar, ...], list[int]]] = {}
+        for group, frames in ((None, self.frames), *self.scenarios.items()):
+            texts = found[group] = {}
+            for place, frame in enumerate(frames):
+                texts.setdefault(tuple(frame.fields[name] for name in self.said), []).append(place)
+        return found
 
     @property
     def name(self) -> str:
