@@ -10,7 +10,7 @@ import numpy as np
 from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, UNKNOWN, Ledger, SentAttempt
-from eyechart.models.prices import Prices
+from eyechart.models.prices import Prices, cost_at
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.records import JsonRecord
 from eyechart.spaces.motion import require_motions
@@ -81,7 +81,7 @@ class Book:
     """Adds up attempts one by one, in the order of sending; ``space`` reads their replies."""
 
     def __init__(self, mode: RequestMode, space: AnySpace, prices: Prices) -> None:
-        self._mode, self._space, self._prices = mode, space, prices
+        self._space, self._price = space, prices.of(mode)
         self._pages: defaultdict[str, _ConditionSums] = defaultdict(_ConditionSums)
 
     def add(self, one: SentAttempt) -> None:
@@ -102,7 +102,7 @@ class Book:
         else:
             page.pending.discard(one.key)
             page.finish(one.key, reply, self._space.read(reply).missing or "")
-        cost, how = self._prices.cost(self._mode, reply)
+        cost, how = cost_at(self._price, reply)
         page.cost_from[how] += 1
         page.take(reply, cost)
 

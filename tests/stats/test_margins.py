@@ -37,7 +37,7 @@ def test_a_scipy_without_that_file_draws_the_same(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("correction", [True, False])
-def test_chi_squared_is_that_of_scipy(correction: bool) -> None:
+def test_chi_squared_is_that_of_scipy(*, correction: bool) -> None:
     """On tables of every shape, 2 x 2 with Yates' correction among them, and close to independence."""
     rng = np.random.default_rng(0)
     for shape in [(2, 2), (2, 5), (4, 3)] * 30:
@@ -52,10 +52,9 @@ def test_chi_squared_is_that_of_scipy(correction: bool) -> None:
 
 def test_a_summed_tail_gives_the_trials_of_the_exact_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """For designs on both sides of the number up to which it is summed."""
-    designs = [
-        (rate, chance, alpha) for rate in (0.6, 0.65, 0.9, 1.0) for chance in (0.0, 0.2, 0.5) for alpha in (0.05, 0.01)
-    ]
-    summed = [trials_needed.__wrapped__(rate, chance, alpha=alpha) for rate, chance, alpha in designs]
+    designs = [(rate, chance) for rate in (0.6, 0.65, 0.9, 1.0) for chance in (0.0, 0.2, 0.5)]
+    needed = trials_needed.__wrapped__
+    summed = [needed(*design, alpha=alpha) for design in designs for alpha in (0.05, 0.01)]
     monkeypatch.setattr(agreement, "_SUMMED", 0)
-    assert summed == [trials_needed.__wrapped__(rate, chance, alpha=alpha) for rate, chance, alpha in designs]
+    assert summed == [needed(*design, alpha=alpha) for design in designs for alpha in (0.05, 0.01)]
     assert agreement._summed_tail(17, 40, 0.3) == pytest.approx(binomial_tail(17, 40, 0.3), rel=1e-12)
