@@ -10,7 +10,7 @@ import numpy as np
 from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, UNKNOWN, Ledger, SentAttempt
-from eyechart.models.prices import Prices
+from eyechart.models.prices import Prices, cost_at
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.records import JsonRecord
 from eyechart.spaces.motion import require_motions
@@ -82,7 +82,7 @@ class Book:
     """Adds up attempts one by one, in the order of sending; ``read`` reads their replies."""
 
     def __init__(self, mode: RequestMode, read: DecisionReader, prices: Prices) -> None:
-        self._mode, self._decide, self._prices = mode, read, prices
+        self._decide, self._price = read, prices.of(mode)
         self._pages: defaultdict[str, _ConditionSums] = defaultdict(_ConditionSums)
 
     def add(self, one: SentAttempt) -> None:
@@ -103,7 +103,7 @@ class Book:
         else:
             page.pending.discard(one.key)
             page.finish(one.key, reply, self._decide(one.key, reply).missing or "")
-        cost, how = self._prices.cost(self._mode, reply)
+        cost, how = cost_at(self._price, reply)
         page.cost_from[how] += 1
         page.take(reply, cost)
 

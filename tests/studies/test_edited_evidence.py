@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import edited_worlds
-from edited_oracles import ORACLES, TRACES, TRUE, Known, Oracle, by_trace
+from edited_oracles import ORACLES, TRACES, TRUE, Known, Oracle, by_trace, noisy
 from eyechart.conditions import NUDGES, is_available, show
 from eyechart.edits import EditSource, Moves, edit_photographs, read_annotations
 from eyechart.frames import Frame, FrameBank, decode, open_bank

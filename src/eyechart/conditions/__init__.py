@@ -1,5 +1,6 @@
 """Input conditions: what a query shows of a frame; the rest of the query stays the same."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -531,17 +532,13 @@ def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
     It differs in the prompt's fields, and is of the same scenario if possible. Raises BankError if
     all frames of the bank have the same text.
     """
-    told = _told_of(frame, source)
-    others = [other for other in source.frames if _told_of(other, source) != told]
-    near = [other for other in others if other.scenario == frame.scenario] or others
-    if not near:
+    frames, same = source.alike(frame)
+    if len(frames) == len(same):
+        told = [*frame.stated(source.said)]
         raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {told}")
-    return near[int(np.random.default_rng(seed).integers(len(near)))]
-
-
-def _told_of(frame: Frame, source: Source) -> list[object]:
-    """Return what a prompt's words say of a frame: its columns, and named parts of its state."""
-    return [frame.state[name] if name in frame.state else frame.fields[name] for name in source.said]
+    place = int(np.random.default_rng(seed).integers(len(frames) - len(same)))
+    before = bisect_right(range(len(same)), place, key=lambda skipped: same[skipped] - skipped)
+    return frames[place + before]
 
 
 def find_condition(name: str, who: str = "model") -> Condition:
