@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,13 +97,17 @@ def equal_answers(banks: dict[str, FrameBank]) -> dict[str, float]:
     return {"n": count, "equal": round(same / count, 5)}
 
 
+def _made(edited: bool) -> Choices:  # noqa: FBT001 - of two folders
+    return replace(CHOICES, made="edited" if edited else "rendered")
+
+
 def measured(world: str, size: int, work: Path) -> dict[str, object]:
     """Return what is measured of a world at a number of photographs."""
     begun = time.process_time()
     pair = edited_worlds.write_pair(work, edited_worlds.moments(world, size))
     record = json.loads((pair.edited / "edit.json").read_text())
     banks = {
-        folder.name: import_table(folder, table, work / f"bank {folder.name}", CHOICES)
+        folder.name: import_table(folder, table, work / f"bank {folder.name}", _made(folder == pair.edited))
         for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True)
     }
     labels = {kind: labels_of(bank, work / f"run {kind}") for kind, bank in banks.items()}

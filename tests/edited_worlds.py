@@ -220,7 +220,9 @@ def rendered_of(moment: Moment, name: str, copies: Sequence[dict[str, float]]) -
     """Return the rendered picture of what an edit made; None where the world has no room."""
     if name == "lead_absent":
         return moment.rendered(None)
-    if name in {"patched", "file"}:
+    if name == "patched":  # nothing is edited
+        return None
+    if name == "file":
         return moment.picture
     if name in LEADS:
         return moment.rendered(copies[0]["distance_m"])

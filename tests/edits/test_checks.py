@@ -4,12 +4,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
 import drawn_roads
-from drawn_roads import BLUE, EYE_M, HORIZON, LANE_M, RED, SLOPE, Drawn
-from eyechart.edits import PICTURES, Annotations, EditRecord, EditSource, Moves, ObjectBox, Photo, edit_photographs
+from drawn_roads import BLUE, EYE_M, HORIZON, LANE_M, RED, Drawn
+from eyechart.edits import PICTURES, Annotations, EditResult, EditSource, Moves, ObjectBox, Photo, edit_photographs
 from eyechart.edits.geometry import Box
 
 NEAR, FAR = (4.0, 5.0), (12.0, 15.0)
@@ -26,7 +27,7 @@ def photo_of(drawn: Drawn, roles: tuple[str, ...] = ("lead", "", "")) -> Photo:
     return Photo(drawn.file, {}, float(HORIZON), beside=("left", "right"), things=tuple(things), where="row 1")
 
 
-def edited(folder: Path, boxes: tuple[tuple[float, float, tuple[int, int, int]], ...], change: Change) -> EditRecord:
+def edited(folder: Path, boxes: tuple[tuple[float, float, tuple[int, int, int]], ...], change: Change) -> EditResult:
     """Edit a photograph of boxes beside one that is in order, so that something is made."""
     sound, drawn = Drawn("sound.png", (LEAD,)), Drawn("a.png", boxes)
     drawn_roads.write_pictures(folder / "photos", [sound, drawn])
@@ -35,7 +36,7 @@ def edited(folder: Path, boxes: tuple[tuple[float, float, tuple[int, int, int]],
     return edit_photographs(source, Moves(NEAR, FAR, LANE_M, EYE_M), folder / "out")
 
 
-def refused(record: EditRecord) -> dict[str, str]:
+def refused(record: EditResult) -> dict[str, str]:
     """Return the reasons of the photograph by picture."""
     return {one.picture: one.reason for one in record.refused if one.file == "a.png"}
 
@@ -145,9 +146,9 @@ def test_a_copy_that_would_be_too_large_or_under_the_own_vehicle_is_not_made(tmp
     """A far lead is not brought near; a foot that the bonnet hides is not one."""
     drawn = Drawn("a.png", ((7.0, 0.0, RED),))
     drawn_roads.write_pictures(tmp_path / "photos", [drawn])
-    hooded = with_thing(ObjectBox("own", Box(0, 106, 200, 150), None))(photo_of(drawn))
+    hooded = with_thing(ObjectBox("own", Box(0, 107, 200, 150), None))(photo_of(drawn))
     for near, photo, reason in (
-        ((4.0, 4.2), hooded, "or the own vehicle hides its foot"),
+        ((4.0, 4.1), hooded, "or the own vehicle hides its foot"),
         ((1.0, 1.2), photo_of(drawn), "which is not from 0.11 to 4"),
     ):
         source = EditSource(tmp_path / "photos", Annotations((photo,), ()), tmp_path, cut="box")
@@ -156,15 +157,28 @@ def test_a_copy_that_would_be_too_large_or_under_the_own_vehicle_is_not_made(tmp
         assert "lead_far" in record.copies["a.png"]
 
 
-def test_what_is_own_or_another_thing_is_put_back_over_copies(tmp_path: Path) -> None:
-    """A nearer thing beside covers a copy behind it, and the bonnet is as it was."""
-    change = with_thing(ObjectBox("own", Box(0, 140, 200, 150), None))
-    edited(tmp_path, (LEAD, (4.5, 1.8, BLUE)), change)
-    drawn = Drawn("a.png", (LEAD, (4.5, 1.8, BLUE))).pixels()
-    x0, y0, x1, y1 = Drawn("a.png", (LEAD, (4.5, 1.8, BLUE))).corners(1)
+def test_another_thing_is_put_back_over_copies(tmp_path: Path) -> None:
+    """A nearer one beside covers a copy behind it."""
+    boxes = (LEAD, (4.5, 1.8, BLUE))
+    edited(tmp_path, boxes, lambda photo: photo)
+    x0, y0, x1, y1 = Drawn("a.png", boxes).corners(1)
     for name in ("lead_far", "lead_drawn", "lead_absent", "patched"):
         with Image.open(tmp_path / "out" / name / "a.png") as picture:
-            made = picture.convert("RGB")
-        assert made.getpixel(((x0 + x1) // 2, (y0 + y1) // 2)) == BLUE, name
-        assert made.getpixel((100, 145)) == tuple(int(one) for one in drawn[145, 100]), name
-    assert SLOPE / LEAD[0] + HORIZON == 90
+            assert picture.convert("RGB").getpixel(((x0 + x1) // 2, (y0 + y1) // 2)) == BLUE, name
+
+
+def test_nothing_is_laid_over_the_own_vehicle(tmp_path: Path) -> None:
+    """The strip of road around a near copy's foot ends at the bonnet, whose pixels stay."""
+    drawn = Drawn("a.png", ((7.0, 0.0, RED),))
+    pixels = drawn.pixels()
+    pixels[112:, 60:140] = (0, 200, 0)
+    (tmp_path / "photos").mkdir()
+    Image.fromarray(pixels).save(tmp_path / "photos" / "a.png")
+    photo = with_thing(ObjectBox("own", Box(60, 112, 140, 150), None))(photo_of(drawn))
+    source = EditSource(tmp_path / "photos", Annotations((photo,), ()), tmp_path, cut="box")
+    record = edit_photographs(source, Moves((3.9, 4.0), FAR, shadow=0.2), tmp_path / "out")
+    assert "lead_near" in record.copies["a.png"]
+    for name in ("lead_near", "lead_far", "patched"):
+        with Image.open(tmp_path / "out" / name / "a.png") as picture:
+            made = np.asarray(picture.convert("RGB"))
+        assert (made[112:, 60:140] == (0, 200, 0)).all(), name
