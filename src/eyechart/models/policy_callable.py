@@ -160,16 +160,12 @@ def hold(act: Act, mode: RequestMode) -> PolicyCallable:
 def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str]) -> PolicyCallable:
     """Return a policy with its declared attributes; ``found`` is the default version."""
     own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
-    seedable, version, channels, reset, step, history, batch = (own[what] for what in DECLARED)
+    seedable, version, reset, batch = (own[what] for what in ("seedable", "version", "reset", "batch"))
     if amiss := [what for what, is_right in _IS_RIGHT.items() if not is_right(own[what])]:
         raise SpecError(f"'{mode.spec}' declares {amiss[0]} = {own[amiss[0]]!r}; it must be {_MAY_BE[amiss[0]]}")
     if cannot := _cannot_be_called(act, *(("seed",) if seedable else ())):
         raise SpecError(f"'{mode.spec}' cannot be called: {cannot}")
-    facts = {"seedable": str(seedable).lower(), **digests}
-    if isinstance(channels, list | tuple):
-        facts["channels"] = ", ".join(channels)
-    numbers = {"step": step, HISTORY: history or None, "batch": batch}
-    facts |= {name: str(one) for name, one in numbers.items() if one is not None}
+    facts = {**_facts(own), **digests}
     return PolicyCallable(
         act,
         str(version) or found,
@@ -180,6 +176,16 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         history=history_of(facts),
         batch=batch if isinstance(batch, int) else None,
     )
+
+
+def _facts(own: Mapping[str, object]) -> dict[str, str]:
+    """Return the facts that a run keeps of what a callable declares."""
+    facts, channels = {"seedable": str(own["seedable"]).lower()}, own["channels"]
+    if isinstance(channels, list | tuple):
+        facts["channels"] = ", ".join(channels)
+    numbers = {name: own[name] for name in ("step", HISTORY, "batch")}
+    # A history of 0 is none; a step of 0 is one.
+    return facts | {name: str(one) for name, one in numbers.items() if one is not None and (one or name == "step")}
 
 
 def _cannot_be_called(act: Act, *named: str) -> str:
