@@ -37,7 +37,7 @@ from eyechart.studies import battery  # noqa: E402
 from eyechart.verdicts import judge  # noqa: E402
 
 RESULT = ROOT / "benchmarks" / "results" / "edits.json"
-CHOICES = Choices(threshold=8.0, unit="m", mirror="horizontal")
+CHOICES = {made: Choices(threshold=8.0, unit="m", mirror="horizontal", made=made) for made in ("edited", "rendered")}
 MEDIAN, NINETIETH, GHOSTS, EQUAL = 0.02, 0.05, 0.01, 0.98
 """The bounds: error of the gap, share of holes that are read as an obstacle, share of equal answers."""
 
@@ -102,7 +102,7 @@ def measured(world: str, size: int, work: Path) -> dict[str, object]:
     pair = edited_worlds.write_pair(work, edited_worlds.moments(world, size))
     record = json.loads((pair.edited / "edit.json").read_text())
     banks = {
-        folder.name: import_table(folder, table, work / f"bank {folder.name}", CHOICES)
+        folder.name: import_table(folder, table, work / f"bank {folder.name}", CHOICES[folder.name])
         for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True)
     }
     labels = {kind: labels_of(bank, work / f"run {kind}") for kind, bank in banks.items()}

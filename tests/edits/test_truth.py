@@ -82,10 +82,12 @@ def test_the_exchange_moves_what_is_near_beside(pair: Pair) -> None:
 
 def test_five_controllers_get_the_label_of_the_rendered_bank(pair: Pair, tmp_path: Path) -> None:
     """And the graded reader gives the same answer to 98 % of the pictures."""
-    choices = Choices(threshold=8.0, unit="m", mirror="horizontal")
+    choices = {
+        made: Choices(threshold=8.0, unit="m", mirror="horizontal", made=made) for made in ("edited", "rendered")
+    }
     labels, answers = [], []
     for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True):
-        bank = import_table(folder, table, tmp_path / folder.name, choices)
+        bank = import_table(folder, table, tmp_path / folder.name, choices[folder.name])
         specs = [f"python:edited_controllers:{name}" for name in CONTROLLERS]
         planned = battery.plan(bank.root, specs, tmp_path / f"run {folder.name}")
         battery.run(planned)
