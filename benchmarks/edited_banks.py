@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ from eyechart.studies import battery  # noqa: E402
 from eyechart.verdicts import judge  # noqa: E402
 
 RESULT = ROOT / "benchmarks" / "results" / "edits.json"
-CHOICES = {made: Choices(threshold=8.0, unit="m", mirror="horizontal", made=made) for made in ("edited", "rendered")}
+CHOICES = Choices(threshold=8.0, unit="m", mirror="horizontal")
 MEDIAN, NINETIETH, GHOSTS, EQUAL = 0.02, 0.05, 0.01, 0.98
 """The bounds: error of the gap, share of holes that are read as an obstacle, share of equal answers."""
 
@@ -96,13 +97,17 @@ def equal_answers(banks: dict[str, FrameBank]) -> dict[str, float]:
     return {"n": count, "equal": round(same / count, 5)}
 
 
+def _made(edited: bool) -> Choices:  # noqa: FBT001 - of two folders
+    return replace(CHOICES, made="edited" if edited else "rendered")
+
+
 def measured(world: str, size: int, work: Path) -> dict[str, object]:
     """Return what is measured of a world at a number of photographs."""
     begun = time.process_time()
     pair = edited_worlds.write_pair(work, edited_worlds.moments(world, size))
     record = json.loads((pair.edited / "edit.json").read_text())
     banks = {
-        folder.name: import_table(folder, table, work / f"bank {folder.name}", CHOICES[folder.name])
+        folder.name: import_table(folder, table, work / f"bank {folder.name}", _made(folder == pair.edited))
         for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True)
     }
     labels = {kind: labels_of(bank, work / f"run {kind}") for kind, bank in banks.items()}

@@ -9,7 +9,7 @@ from itertools import groupby
 from pathlib import Path
 
 from eyechart.verdicts.labels import LABELS, LATERAL, meets
-from eyechart.verdicts.numbers import ASKS, BESIDE, needs_of, refuted_by
+from eyechart.verdicts.numbers import ASKS, BESIDE, PHOTOGRAPHS, needs_of, refuted_by
 
 PAGE = Path(__file__).with_name("verdicts.md")
 
@@ -38,7 +38,7 @@ def depth() -> Iterator[str]:
     """Yield a row a number that depth rests on; what is the same by part, with one threshold, is one row."""
     yield "| number | asks | depth needs | refuted where |"
     yield "|---|---|---|---|"
-    every = {**ASKS, **BESIDE}
+    every = {**ASKS, **BESIDE, **PHOTOGRAPHS}
     alike = {name: (needs_of(name), refuted_by(name)) for name in every if every[name].startswith("the same")}
     for _, names in groupby(every, key=lambda name: alike.get(name, name)):
         first, *others = names

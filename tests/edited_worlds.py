@@ -217,12 +217,11 @@ def pixels(path: Path) -> RGB:
 
 
 def rendered_of(moment: Moment, name: str, copies: Sequence[dict[str, float]]) -> RGB | None:
-    """Return the rendered picture of what an edit made; None where the world has no room.
-
-    A rendered bank has no picture that is edited and in which nothing is moved.
-    """
+    """Return the rendered picture of what an edit made; None where the world has no room."""
     if name == "lead_absent":
         return moment.rendered(None)
+    if name == "patched":  # nothing is edited
+        return None
     if name == "file":
         return moment.picture
     if name in LEADS:
@@ -244,9 +243,7 @@ def write_pair(folder: Path, found: tuple[Moment, ...]) -> Pair:
         moment = pair.moment(row)
         for name in ("file", *LEADS, *EXCHANGES, "lead_absent", "patched"):
             if row[name]:
-                drawn = (
-                    None if name == "patched" else rendered_of(moment, name, copies.get(moment.file, {}).get(name, ()))
-                )
+                drawn = rendered_of(moment, name, copies.get(moment.file, {}).get(name, ()))
                 if drawn is None:
                     row[name] = ""
                     continue

@@ -13,7 +13,7 @@ import movers
 from eyechart.bundle import validate, write_bundle
 from eyechart.calls import Query, Reply
 from eyechart.channels import partners
-from eyechart.conditions import FROZEN, find_condition, is_available, show, sources
+from eyechart.conditions import FROZEN, OVER, STEPPED, TABLE, asked_of, find_condition, is_available, show, sources
 from eyechart.conditions.policies import conditions_of
 from eyechart.errors import BankError, SourceError, SpecError
 from eyechart.frames import BankWriter, Frame, FrameBank, Stimulus, check, decode, open_bank, same_moments
@@ -235,6 +235,21 @@ def test_conditions_act_on_every_instant(bank: FrameBank) -> None:
     over = show("blank@side", frame, bank, 0)
     for own, one in zip((*real.past, real), (*over.past, over), strict=True):
         assert (own.images["top"] == one.images["top"], own.images["side"] == one.images["side"]) == (True, False)
+
+
+def test_every_condition_shows_the_whole_window(bank: FrameBank) -> None:
+    """Of policies and of models; one that forgot the past would leave a policy without its input."""
+    frame = bank.frames[7]
+    names = {*conditions_of(bank)[0], *(one.name for one in asked_of("model")), *STEPPED}
+    asked = [name for name in names if name in STEPPED or is_available(name, frame, bank)]
+    made = {name: len(show(name, frame, bank, 0).past) for name in asked if find_needs(name) <= {"partner", "axis"}}
+    assert {name for name, count in made.items() if count != 2} == set()
+    assert made.keys() >= {"real", "blank", "noise", "shuffled", "text_only", "mirrored", "nudged", "swapped@state"}
+
+
+def find_needs(name: str) -> frozenset[str]:
+    """Return what a condition needs of a source."""
+    return (TABLE.get(name.partition(OVER)[0]) or STEPPED[name]).needs - {"control"}
 
 
 @pytest.mark.parametrize("name", ["shuffled", "swapped@cameras", "matched@cameras", "near@cameras"])

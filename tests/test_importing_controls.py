@@ -18,7 +18,14 @@ from eyechart.verdicts import judge
 pytestmark = pytest.mark.slow
 
 PLACES = {"gap": "lidar_m", "episode": "drive", "scenario": "place"}
-WHOLE = Choices(columns=PLACES, mirror="horizontal", threshold=8.0, unit="m", picture="forward camera of our rover")
+WHOLE = Choices(
+    columns=PLACES,
+    mirror="horizontal",
+    threshold=8.0,
+    unit="m",
+    picture="forward camera of our rover",
+    made="rendered",
+)
 DRAWN = (*COUNTERFACTUALS, *(name for name in (*STAGED, *RANGED) if name not in {"nudged", "real_again", *NUDGES}))
 
 AS_OLDER = {

@@ -8,7 +8,7 @@ import pytest
 
 from eyechart.verdicts import LABELS, LATERAL
 from eyechart.verdicts.depth import REFUTING, SHOWN
-from eyechart.verdicts.numbers import ASKS, BESIDE
+from eyechart.verdicts.numbers import ASKS, BESIDE, PHOTOGRAPHS
 from pages import ROOT
 
 
@@ -43,13 +43,13 @@ def test_the_rules_of_depth_are_one_screen(update_verdicts: ModuleType) -> None:
     assert len(section.splitlines()) <= 50
     rows = [line for line in section.splitlines() if line.startswith("| `")]
     named = [name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])]
-    assert len(named) == len({**ASKS, **BESIDE})
+    assert len(named) == len({**ASKS, **BESIDE, **PHOTOGRAPHS})
 
 
 def test_every_clause_of_depth_has_its_row_in_the_table() -> None:
     """Or what a rule reads would stand on no page; those of older banks alone have none."""
     read = {clause.statistic for clause in (*SHOWN, *REFUTING)} - {"depth_net", "lane_net"}
-    assert sorted(read - {*ASKS, *BESIDE}) == [], "say in verdicts/numbers.py what it asks"
+    assert sorted(read - {*ASKS, *BESIDE, *PHOTOGRAPHS}) == [], "say in verdicts/numbers.py what it asks"
 
 
 def test_a_page_without_its_marks_is_refused(update_verdicts: ModuleType) -> None:

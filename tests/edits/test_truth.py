@@ -1,5 +1,6 @@
 """Edited against rendered: the same moments, once with copies in photographs, once drawn anew."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import edited_controllers
 import edited_worlds
 from edited_worlds import EXCHANGES, LEADS, Pair, pixels
-from eyechart.frames import open_bank
+from eyechart.frames import Made, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.studies import battery
 from eyechart.verdicts import judge
@@ -82,12 +83,11 @@ def test_the_exchange_moves_what_is_near_beside(pair: Pair) -> None:
 
 def test_five_controllers_get_the_label_of_the_rendered_bank(pair: Pair, tmp_path: Path) -> None:
     """And the graded reader gives the same answer to 98 % of the pictures."""
-    choices = {
-        made: Choices(threshold=8.0, unit="m", mirror="horizontal", made=made) for made in ("edited", "rendered")
-    }
+    choices = Choices(threshold=8.0, unit="m", mirror="horizontal")
     labels, answers = [], []
     for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True):
-        bank = import_table(folder, table, tmp_path / folder.name, choices[folder.name])
+        made: Made = "edited" if folder == pair.edited else "rendered"
+        bank = import_table(folder, table, tmp_path / folder.name, replace(choices, made=made))
         specs = [f"python:edited_controllers:{name}" for name in CONTROLLERS]
         planned = battery.plan(bank.root, specs, tmp_path / f"run {folder.name}")
         battery.run(planned)

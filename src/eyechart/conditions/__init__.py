@@ -1,5 +1,6 @@
 """Input conditions: what a query shows of a frame; the rest of the query stays the same."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -191,7 +192,12 @@ def _text_only(frame: Frame, *_: object) -> Stimulus:
 
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
     other = text_source_frame(frame, source, seed)
-    return _each(lambda own, theirs: Stimulus(source.images(own), theirs.fields, own.state), frame, other)
+
+    def told(own: Frame, theirs: Frame) -> Stimulus:
+        state = {name: (theirs if name in source.said else own).state[name] for name in own.state}
+        return Stimulus(source.images(own), theirs.fields, state)
+
+    return _each(told, frame, other)
 
 
 def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
@@ -526,12 +532,13 @@ def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
     It differs in the prompt's fields, and is of the same scenario if possible. Raises BankError if
     all frames of the bank have the same text.
     """
-    told = [frame.fields[field] for field in source.said]
-    others = [other for other in source.frames if [other.fields[field] for field in source.said] != told]
-    near = [other for other in others if other.scenario == frame.scenario] or others
-    if not near:
+    frames, same = source.alike(frame)
+    if len(frames) == len(same):
+        told = [*frame.stated(source.said)]
         raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {told}")
-    return near[int(np.random.default_rng(seed).integers(len(near)))]
+    place = int(np.random.default_rng(seed).integers(len(frames) - len(same)))
+    before = bisect_right(range(len(same)), place, key=lambda skipped: same[skipped] - skipped)
+    return frames[place + before]
 
 
 def find_condition(name: str, who: str = "model") -> Condition:

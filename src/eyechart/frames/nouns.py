@@ -169,6 +169,10 @@ class Frame:
         seen = (self.id, self.scenario, self.episode, self.step, self.cameras, self.pictures)
         return Frame(*seen, fields=self.fields, state=self.state)
 
+    def stated(self, names: Sequence[str]) -> tuple[object, ...]:
+        """Return what a prompt's words say of the frame: its columns, and named parts of its state."""
+        return tuple(self.state[name] if name in self.state else self.fields[name] for name in names)
+
     def geometry(self) -> str:
         """Return the digest of the frame's identity and ground truth to 3 decimals.
 
@@ -245,6 +249,12 @@ class Source(Protocol):
     @property
     def said(self) -> tuple[str, ...]:
         """The prompt columns that the prompt states for a frame."""
+
+    def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
+        """Return frames to take another text from, and the places of those with this frame's text.
+
+        They are those of the frame's scenario, or all where these have one text.
+        """
 
     @property
     def stores_noise(self) -> bool:
@@ -471,6 +481,25 @@ class FrameBank:
         for frame in self.frames:
             grouped[frame.scenario].append(frame)
         return {name: tuple(frames) for name, frames in grouped.items()}
+
+    def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
+        """Return frames to take another text from, and the places of those with this frame's text.
+
+        They are those of the frame's scenario, or all where these have one text.
+        """
+        text = frame.stated(self.said)
+        near, same = self.scenarios[frame.scenario], self._by_text[frame.scenario].get(text, [])
+        return (near, same) if len(same) < len(near) else (self.frames, self._by_text[None].get(text, []))
+
+    @cached_property
+    def _by_text(self) -> Mapping[str | None, Mapping[tuple[object, ...], list[int]]]:
+        """Return the places of each text among a scenario's frames, and among all under None."""
+        found: dict[str | None, dict[tuple[object, ...], list[int]]] = {}
+        for group, frames in ((None, self.frames), *self.scenarios.items()):
+            texts = found[group] = {}
+            for place, frame in enumerate(frames):
+                texts.setdefault(frame.stated(self.said), []).append(place)
+        return found
 
     @property
     def name(self) -> str:

@@ -71,6 +71,9 @@ LOCAL = ("hf", "ollama")
 WEIGHTS_GB, MEMORY_GB = "weights_gb", "memory_gb"
 """Facts of a model, in 10^9 bytes: the size of its weights, and the memory that they load into."""
 
+STATING = ("openai", "ollama", "hf")
+"""Adapters of models whose answers are words; as policies they state a motion's numbers."""
+
 HISTORY = "history"
 """The fact of a model that sees instants before a frame: how many, without the frame itself."""
 
@@ -78,6 +81,7 @@ POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
     "lerobot": "eyechart.models.lerobot",
+    **{name: ADAPTERS[name] for name in STATING},
 }
 """The module of each adapter of policies; a policy is a model that answers with a motion."""
 
@@ -101,12 +105,24 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     return model
 
 
-def open_policy(policy: str | OpenedModel, timeout_s: float | None = None) -> OpenedModel:
-    """Open the policy of a SPEC with a time limit in seconds; return an open one unchanged."""
+def open_policy(policy: str | RequestMode | OpenedModel, timeout_s: float | None = None) -> OpenedModel:
+    """Open the policy of a SPEC with a time limit in seconds, or of a mode; return an open one.
+
+    Raises SpecError for an unknown one, or a mode that a policy without words cannot be asked in.
+    """
     if isinstance(policy, OpenedModel):
         return policy
-    mode = policy_mode(policy, timeout_s)
-    return OpenedModel(mode, open_model(policy, mode, answering="policy"))
+    mode = policy if isinstance(policy, RequestMode) else policy_mode(policy, timeout_s)
+    usual = policy_mode(mode.spec, mode.timeout_s)
+    if not states(mode.spec) and mode != usual:
+        names = [one.name for one in fields(mode) if getattr(mode, one.name) != getattr(usual, one.name)]
+        raise SpecError(f"{', '.join(names)} would not change '{mode.spec}', which is called here: leave it out")
+    return OpenedModel(mode, open_model(mode.spec, mode, answering="policy"))
+
+
+def states(spec: str) -> bool:
+    """Return whether the policy of a SPEC states its motions in words, and needs a prompt."""
+    return spec.partition(":")[0] in STATING
 
 
 def history_of(facts: Mapping[str, str]) -> int:

@@ -15,7 +15,6 @@ from eyechart.channels import (
     INSTRUCTION,
     STATE,
     flat_state,
-    instruction_column,
     logs,
     reads,
     relative,
@@ -28,10 +27,11 @@ from eyechart.conditions import mixed, show
 from eyechart.errors import BankError
 from eyechart.event_loops import in_own_loop
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
-from eyechart.models import Model, OpenedModel, ask, history_of, open_policy
+from eyechart.models import Model, OpenedModel, ask, history_of, open_policy, states
 from eyechart.models.policy_callable import PolicyCallable
-from eyechart.prompts import Prompt, policy_prompt
-from eyechart.spaces.motion import Floats, Motion, MotionSpace
+from eyechart.modes import RequestMode
+from eyechart.prompts import Prompt, motion_prompt, says
+from eyechart.spaces.motion import Floats, Motion, MotionSpace, require_motions
 from eyechart.spaces.space import Decision
 from eyechart.stats.total_effect import ROUNDING
 
@@ -99,27 +99,30 @@ class PolicyDiagnosis:
 
 
 def examine_policy(
-    policy: str | OpenedModel,
+    policy: str | RequestMode | OpenedModel,
     bank: FrameBank,
     *,
     timeout_s: float | None = None,
+    prompt: str | None = None,
     tell: Callable[[int], None] = lambda _: None,
 ) -> PolicyDiagnosis:
     """Call a policy with a few frames of a bank, and return what is amiss.
 
-    ``policy`` is a SPEC or an open policy. ``tell`` gets the number of each call before it. Three
-    equal failures in a row end the calls. Raises SpecError for an unknown policy, or for a channel
-    that the bank lacks, and BankError for a bank without motions, or with only one episode.
+    ``policy`` is a SPEC, a request mode or an open policy. ``prompt`` is a TOML file for a model that
+    states its motions in words. ``tell`` gets the number of each call before it. Three equal
+    failures in a row end the calls. Raises SpecError for an unknown policy, or for a channel that
+    the bank lacks, and BankError for a bank without motions, or with only one episode.
     """
     opened = open_policy(policy, timeout_s)
     spec, model = opened.mode.spec, opened.model
-    space = bank.manifest.motion
-    if space is None:
+    if bank.manifest.motion is None:
         raise BankError(f"the bank {bank.root} declares no motion, so no answer can be compared with it")
+    formulation = motion_prompt(bank, prompt, in_words=states(spec))
+    declared = (CAMERAS, *sorted(says(formulation, bank))) if states(spec) else _declared(model)
     require_inputs(spec, model.facts, bank)
     require_history(spec, history_of(model.facts), bank)
-    calls = _ProbeCalls(model, _ProbeFrames(bank, space), tell)
-    return in_own_loop(_examine(spec, calls, _declared(model)))
+    calls = _ProbeCalls(model, _ProbeFrames(bank, formulation), tell)
+    return in_own_loop(_examine(spec, calls, declared))
 
 
 def _declared(model: Model) -> tuple[str, ...]:
@@ -143,9 +146,9 @@ def _spread(frames: Sequence[Frame]) -> tuple[Frame, ...]:
 class _ProbeFrames:
     """The frames of the calls: a first one, one of another episode, and further ones."""
 
-    def __init__(self, bank: FrameBank, space: MotionSpace) -> None:
-        self.bank, self.space = bank, space
-        self.prompt: Prompt = policy_prompt(space, instruction_column(bank))
+    def __init__(self, bank: FrameBank, prompt: Prompt) -> None:
+        self.bank, self.prompt = bank, prompt
+        self.space: MotionSpace = require_motions(prompt.space)
         self.first = bank.frames[0]
         others = [frame for frame in bank if frame.drive != self.first.drive]
         if not others:

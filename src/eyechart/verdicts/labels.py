@@ -329,6 +329,19 @@ USES: dict[str, UseLabel] = CAMERA | STATE | INSTRUCTION
 """Every label of a policy by its name; axes share the names of labels that say nothing."""
 
 GUARDS: dict[str, UseLabel] = {
+    "picture": UseLabel(
+        "its pictures were not shown to reach it",
+        advice="'eyechart doctor SPEC' shows it drawn pictures and names the likely cause: no vision part, a server "
+        "that drops or shrinks pictures, or a model that is too weak for the questions.",
+    ),
+    "cache": UseLabel(
+        "a cache seems to have answered for it",
+        advice="switch the server's cache of replies off, and run into another folder.",
+    ),
+    "load": UseLabel(
+        "with several calls under way it contradicts itself more than alone",
+        advice="run into another folder with --concurrency 1: the server may mix up the pictures.",
+    ),
     "not_scorable": UseLabel(
         "too few of its calls came back with a motion",
         advice="call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",

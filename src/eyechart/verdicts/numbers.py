@@ -38,6 +38,13 @@ BESIDE: Mapping[str, str] = {
 }
 """What the rules read besides: by place, and how well distance was sampled."""
 
+PHOTOGRAPHS: Mapping[str, str] = {
+    "depth_observational": "of pictures that are not rendered: whether braking follows the gap on photographs as taken",
+    "patched_excess": "of edited pictures: on which share of frames the edit alone changes a decision, less a repeat",
+    "patched_bound": "the same, bounded",
+}
+"""What the rules read of banks whose control pictures are not rendered."""
+
 FIRST = ("sensitivity", "specificity", "order", "rise", "file")
 """One number of each kind: a verdict prints each in a line."""
 
@@ -73,7 +80,8 @@ def numbers_of(found: NamedStatistics) -> tuple[DepthNumber, ...]:
         return ()
     return tuple(
         DepthNumber(name, asks, needs_of(name), refuted_by(name), found[name], _outcome(found, name))
-        for name, asks in {**ASKS, **BESIDE}.items()
+        for name, asks in {**ASKS, **BESIDE, **PHOTOGRAPHS}.items()
+        if all(clause.applies(found) for clauses in _clauses_of(name) for clause in clauses)
     )
 
 

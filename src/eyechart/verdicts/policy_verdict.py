@@ -198,6 +198,13 @@ def judge_policy(
     )
 
 
+def not_arrived(verdict: PolicyVerdict, failed: Mapping[str, str]) -> PolicyVerdict:
+    """Return a verdict that says nothing of any channel: guards of the way to a model ``failed``."""
+    nothing = AxisVerdict("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
+    guards, cameras = {**failed, **verdict.guards}, dict.fromkeys(verdict.cameras, nothing)
+    return replace(verdict, guards=guards, cameras=cameras, camera=nothing, state=nothing, instruction=nothing)
+
+
 def _alone(name: str, ignored: Sequence[str]) -> str:
     """Return that the label of a camera is said of it alone, where others are ``ignored`` too."""
     others = ", ".join(one for one in ignored if one != name)

@@ -47,10 +47,8 @@ def _asked_in(ledger: Ledger, plan: Plan) -> dict[tuple[str, str], dict[str, Cal
     """Return the request digests by condition and frame; a row without a digest is left out."""
     asked: dict[tuple[str, str], dict[str, CallKey]] = {}
     for spec in plan.models:
-        for sent in ledger.attempts(spec):
-            if sent.request_sha256:
-                digests = asked.setdefault((sent.key.condition, sent.key.frame), {})
-                digests.setdefault(sent.request_sha256, sent.key)
+        for key, digest in ledger.requests(spec):
+            asked.setdefault((key.condition, key.frame), {}).setdefault(digest, key)
     return asked
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
 from eyechart.conditions import OVER
 from eyechart.conditions.policies import conditions_of
+from eyechart.prompts import says
 from eyechart.studies.policy.scores import PolicyScore
 from eyechart.verdicts.share_predicates import ALPHA, USED, ShareStatistics, is_used
 
@@ -55,6 +56,8 @@ def _to_ask(score: PolicyScore, channel: str) -> Iterator[Advice]:
     if channel not in channels_of(score.bank):
         noun = what.removeprefix("its ")
         yield Advice(f"use a bank with {'an' if noun[0] in 'aeiou' else 'a'} {noun}: this one has none")
+    elif channel in {STATE, INSTRUCTION} - says(score.manifest.prompt, score.bank):
+        yield Advice(f"let the prompt say {what}, by the name of its column in braces: this one does not")
     elif missing := ", ".join(_not_asked(score, channel)):
         yield Advice(f"run the missing conditions ({missing}): 'eyechart run policy' without --conditions runs all")
     elif f"swapped{OVER}{channel}" in conditions_of(score.bank)[1]:
