@@ -25,7 +25,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-browser lint format docs wheel release bench long-compare long-demo long-speed long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -36,6 +36,7 @@ help:
 	@echo "make test         the tests of the core"
 	@echo "make test-slow    the core's long tests: whole studies, runs that are killed, adversaries, pages that say how to add something"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers, Ray)"
+	@echo "make test-lerobot the tests that ask LeRobot itself, in the Python that EYECHART_LEROBOT_PYTHON names"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
 	@echo "make extras       what test-models, test-browser and docs need, installed at once"
 	@echo "make lint         ruff and mypy"
@@ -69,11 +70,13 @@ help:
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-policy-draws  the trained policies again: other draws, other episodes, other numbers of threads"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
-	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
+	@echo "make long-act long-checkpoints       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
+	@echo "make long-checkpoints  ACT's checkpoints as lerobot:CHECKPOINT and as a callable: opposite verdicts, the same in both ways"
 	@echo "make long-diffusion LeRobot's DiffusionPolicy, asked with one seed and without: are the verdicts equal?"
 	@echo "make long-coverage how often each printed interval holds a known truth, and how wide it is"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-demo    processor time of the demo in 0.1.0 and in this version, in pairs, and its verdicts on five seeds"
+	@echo "make long-growth  processor time and memory of verdict and costs over frames, models and calls, with exponents"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
 
 demo: $(CORE)
@@ -99,6 +102,10 @@ test-slow: $(DEV)
 
 test-models: $(MODELS)
 	EYECHART_EXTRAS=required $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m models
+
+test-lerobot: $(MODELS)
+	@test -n "$(EYECHART_LEROBOT_PYTHON)" || { echo "EYECHART_LEROBOT_PYTHON names a Python that has lerobot[dataset,diffusion]"; exit 1; }
+	EYECHART_EXTRAS=required $(BIN)/python -m pytest -m lerobot tests/extras
 
 test-browser: $(BROWSER)
 	@test -n "$${EYECHART_CHROMIUM:-$(CHROMIUM)}" || \
@@ -137,6 +144,7 @@ bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_drives.py --seeds 1 --pictures --processes
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
+	$(BIN)/python benchmarks/bench_reading.py
 	$(BIN)/python benchmarks/bench_guardian.py
 	$(BIN)/python benchmarks/bench_mpc.py
 	$(BIN)/python benchmarks/bench_serve.py
@@ -167,6 +175,9 @@ long-atheris: $(FUZZ)
 
 long-compare: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/compare_versions.py --old $(OLD_PYTHON)
+
+long-growth: $(CORE)
+	$(BIN)/python benchmarks/growth.py
 
 long-speed: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/speed_versions.py --old $(OLD_PYTHON)
@@ -217,6 +228,10 @@ long-lerobot: $(MODELS)
 long-act:
 	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has LeRobot and eyechart"; exit 2; }
 	$(LEROBOT_PYTHON) benchmarks/act_tabletop.py
+
+long-checkpoints:
+	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has lerobot[dataset] and eyechart"; exit 2; }
+	$(LEROBOT_PYTHON) benchmarks/lerobot_checkpoints.py
 
 long-diffusion:
 	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has lerobot[diffusion] and eyechart"; exit 2; }

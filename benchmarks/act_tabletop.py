@@ -142,7 +142,14 @@ def moment(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | 
     return shown({name: image[None] for name, image in images.items()}, np.array([[*state, *told]], np.float32))
 
 
-def learn(policy: Any, data: dict[str, np.ndarray], steps: int, given: Callable[[Any], Any]) -> int:  # noqa: ANN401 - of LeRobot
+def learn(
+    policy: Any,  # noqa: ANN401 - of LeRobot
+    data: dict[str, np.ndarray],
+    steps: int,
+    given: Callable[[Any], Any],
+    *,
+    batch_size: int = BATCH,
+) -> int:
     """Train a policy and return seconds of CPU; ``given`` makes of a batch, as `shown` makes it, what goes in."""
     import torch  # noqa: PLC0415
 
@@ -151,11 +158,11 @@ def learn(policy: Any, data: dict[str, np.ndarray], steps: int, given: Callable[
     for turn in range(steps):
         for group in optimiser.param_groups:
             group["lr"] = 1e-3 * (1 - 0.95 * turn / steps)
-        rows = rng.integers(0, len(data["state"]), BATCH)
+        rows = rng.integers(0, len(data["state"]), batch_size)
         batch = shown({name: data[name][rows] for name in ("top", "wrist")}, data["state"][rows])
         batch |= {
             "action": torch.tensor(data["action"][rows]),
-            "action_is_pad": torch.zeros(BATCH, HORIZON, dtype=torch.bool),
+            "action_is_pad": torch.zeros(batch_size, HORIZON, dtype=torch.bool),
         }
         loss, _ = policy.forward(given(batch))
         optimiser.zero_grad()

@@ -89,13 +89,21 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 EXTRAS = {
     "models": ("datasets", "pyarrow", "av", "h5py", "torch", "transformers", "safetensors", "ray"),
     "browser": ("playwright", "axe_playwright_python"),
+    "lerobot": ("EYECHART_LEROBOT_PYTHON", "pyarrow"),
 }
-"""The modules that the tests of a mark need, and that only an extra installs."""
+"""The modules that the tests of a mark need, and that only an extra installs; a variable names another Python."""
+
+
+def is_there(name: str) -> bool:
+    """Return whether a module is installed, or a variable set."""
+    return bool(os.environ.get(name)) if name.isupper() else find_spec(name) is not None
+
+
 _IMPORTS = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
 MISSING = (
     frozenset[str]()
     if os.environ.get("EYECHART_EXTRAS") == "required"
-    else frozenset(name for many in EXTRAS.values() for name in many if find_spec(name) is None)
+    else frozenset(name for many in EXTRAS.values() for name in many if not is_there(name))
 )
 """Modules without which tests are left out, by name; none where the extras are required: a test then fails."""
 LEFT_OUT: dict[str, set[str]] = {}
@@ -121,7 +129,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         names = ", ".join(sorted({name for many in LEFT_OUT.values() for name in many}))
         files = sum("::" not in name for name in LEFT_OUT)
         said = f"left out: {files} files and {len(LEFT_OUT) - files} tests that need {names}"
-        terminalreporter.write_line(f"{said}: make test-models and make test-browser install and run them")
+        terminalreporter.write_line(f"{said}: make test-models, test-browser and test-lerobot run them")
 
 
 @pytest.hookimpl(wrapper=True)

@@ -143,7 +143,7 @@ REWORDED: Mapping[str, str] = {
     ),
     r"and that another episode's changes more is not settled": "and that it is more is not settled",
     r"such a difference can come by chance": "such a difference comes by chance",
-    r",? when it is given one instant; a policy with a history cannot be asked yet": "",
+    r",? with the instants that it is given; a policy that needs earlier ones declares history": "",
 }
 """Sentences that are clearer since, by a pattern, and what stood there when digests were recorded."""
 

@@ -147,8 +147,8 @@ def test_it_works_where_a_loop_is_running(bank: FrameBank, tmp_path: Path) -> No
 
 def test_an_unknown_option_is_named(bank: FrameBank, tmp_path: Path) -> None:
     """As Python does; and a policy that is not in a report is told which are."""
-    with pytest.raises(TypeError, match="'answer'"):
-        run_policies(bank, reach, tmp_path / "run", answer=3)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="'answering'"):
+        run_policies(bank, reach, tmp_path / "run", answering=3)  # type: ignore[call-arg]
     found = run_policies(bank, reach, tmp_path / "run", limit=3, conditions=["real"])
     with pytest.raises(EyechartError, match="no policy 'reach'; it holds python:arms:reach"):
         found["reach"]

@@ -84,6 +84,15 @@ def from_ledger(run: Path) -> dict[str, int]:
     }
 
 
+def test_costs_are_derived_once(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both tables, of calls and of decisions, come from one reading of the ledger."""
+    read, attempts = list[str](), Ledger.attempts
+    monkeypatch.setattr(Ledger, "attempts", lambda self, model: read.append(model) or attempts(self, model))
+    said = told("costs", str(run))
+    assert "per 1000" in re.sub(r"\s+", " ", said)
+    assert read == [SPEC]
+
+
 def test_every_command_says_the_same(run: Path, tmp_path: Path) -> None:
     """The costs, their JSON, guards and unread replies, the score and the report, against the ledger's rows."""
     rows = from_ledger(run)

@@ -48,6 +48,7 @@ FLOORS = {
         "eyechart.stats.association",
         "eyechart.stats.agreement",
         "eyechart.stats.jackknife",
+        "eyechart.stats.margins",
     ),
     "models": (
         "eyechart.models.faults",
@@ -77,10 +78,10 @@ FLOORS = {
         "eyechart.studies.probes",
     ),
 }
-"""Inside a package whose modules are peers, only its floor is shared: for statistics, tables of counts and rates; for
-models, a request, what is streamed, energy, and the files and batches of callables; for simulators, the forward camera,
-how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, the drives that
-others are scored with, and what a probe needs of each."""
+"""Inside a package whose modules are peers, only its floor is shared: for statistics, tables of counts, how they are
+drawn, and rates; for models, a request, what is streamed, energy, and the files and batches of callables; for
+simulators, the forward camera, how a balanced bank is planned and written, and the road of rover and drone; for
+studies, the battery, the drives that others are scored with, and what a probe needs of each."""
 
 ASSEMBLED = {
     "api",
@@ -97,6 +98,7 @@ ASSEMBLED = {
     "ledger",
     "looks",
     "models.huggingface",
+    "models.lerobot",
     "probe",
     "report",
     "serve",

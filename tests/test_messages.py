@@ -160,7 +160,9 @@ def test_a_picture_of_an_earlier_instant_stands_in_its_turn(tmp_path: Path) -> N
     ]
     require_pictured(prompt, seen)
     assert (prompt.history, PROMPTS["baseline"].history) == (2, 0)
-    with pytest.raises(SpecError, match=r"places \{picture:main@-2\}.*2 instants before.*there are \{picture:main\}"):
+    with pytest.raises(
+        SpecError, match=r"places \{picture:main@-2\}.*2 instants before.*there are \{picture:main\}.*--history 2"
+    ):
         require_pictured(prompt, replace(seen, past=seen.past[1:]))
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import banks
@@ -152,6 +153,20 @@ def test_who_follows_a_text_that_goes_with_the_gap_is_not_taken_for_one_who_sees
     unasked = battery.score(tmp_path / "real", resamples=200).models["driver:looks"].statistics["depth_observational"]
     assert unasked.p is None
     assert "text_swapped is needed too" in unasked.note
+
+
+def test_the_frame_that_lends_its_text_is_the_one_that_a_scan_finds(bank: FrameBank) -> None:
+    """In the bank's order, of the same scenario where one has another text; texts may be few or a scenario's own."""
+    few = tuple(replace(frame, fields={"speed": place % 3}) for place, frame in enumerate(bank))
+    own = tuple(replace(frame, fields={"speed": frame.scenario}) for frame in bank)
+    for frames in (bank.frames, few, own):
+        source = replace(bank, frames=frames, said=("speed",))
+        for frame in frames:
+            others = [other for other in frames if other.fields["speed"] != frame.fields["speed"]]
+            near = [other for other in others if other.scenario == frame.scenario] or others
+            for seed in range(5):
+                wanted = near[int(np.random.default_rng(seed).integers(len(near)))]
+                assert text_source_frame(frame, source, seed) is wanted
 
 
 def test_text_swapped_is_there_only_where_the_prompt_says_something(bank: FrameBank, ask: Ask, tmp_path: Path) -> None:

@@ -270,14 +270,17 @@ class Emptiness:
     @classmethod
     def of(cls, replies: Iterable[Reply]) -> "Emptiness":
         """Count replies."""
-        return sum((cls().plus(reply) for reply in replies), start=cls())
+        found = cls()
+        for reply in replies:
+            found = found.plus(reply)
+        return found
 
     def plus(self, reply: Reply) -> "Emptiness":
         """Return the counts with one more reply; a failure does not count."""
         if reply.error is not None:
             return self
         if reply.text.strip():
-            return replace(self, came=self.came + 1)
+            return Emptiness(self.came + 1, self.empty, self.thought, self.cut, self.cut_thought, self.called)
         cut, thought = is_cut(reply), bool(reply.reasoning.strip())
         called = not cut and reply.finish_reason == "tool_calls"
         return self + Emptiness(1, not cut, thought and not cut, cut, thought and cut, called)

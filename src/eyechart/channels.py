@@ -5,15 +5,18 @@ channel is shown with which frame: every run on it shows the same. The partner n
 frame's own episode.
 """
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import BankError, SpecError
+from eyechart.errors import BankError, SpecError, counted
 from eyechart.frames import Frame, FrameBank, Source, Stimulus
+from eyechart.records import build, parse_json
 from eyechart.regexes import pattern
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
@@ -67,6 +70,75 @@ def reads(channel: str, declared: Sequence[str]) -> bool:
     return channel in declared or (channel.startswith(CAMERA) and CAMERAS in declared)
 
 
+@dataclass(frozen=True)
+class InputShapes:
+    """What a policy takes and returns: picture sizes (h, w) by camera, and counts of numbers.
+
+    ``state`` and ``action`` count the numbers of a state and of a step, ``steps`` those of a chunk.
+    """
+
+    cameras: Mapping[str, tuple[int, int]]
+    state: int
+    action: int
+    steps: int
+
+    FACT: ClassVar[str] = "shapes"
+
+    def facts(self) -> dict[str, str]:
+        """Return it as a fact of a model."""
+        return {self.FACT: json.dumps({**asdict(self), "cameras": dict(self.cameras)})}
+
+    @classmethod
+    def of(cls, facts: Mapping[str, str]) -> "InputShapes | None":
+        """Return what a model's facts say of it; None if they say nothing."""
+        return build(cls, parse_json(facts[cls.FACT])) if cls.FACT in facts else None
+
+
+def require_inputs(spec: str, facts: Mapping[str, str], bank: FrameBank) -> None:
+    """Raise SpecError if a policy takes or returns what the bank does not have.
+
+    A chunk may be longer than the bank's motions: its first steps are taken.
+    """
+    shapes, space = InputShapes.of(facts), bank.manifest.motion
+    if shapes is not None and space is not None:
+        _require_shapes(spec, shapes, space, bank)
+    require_channels(spec, tuple(filter(None, facts.get("channels", "").split(", "))), bank)
+
+
+def _require_shapes(spec: str, shapes: InputShapes, space: MotionSpace, bank: FrameBank) -> None:
+    found = bank.shapes(bank.frames[0])
+    for name, (high, wide) in shapes.cameras.items():
+        if name not in found:
+            raise SpecError(f"'{spec}' reads the camera '{name}', and the bank has {', '.join(found)}")
+        if found[name][:2] != (high, wide):
+            own = f"{found[name][1]}×{found[name][0]}"
+            raise SpecError(
+                f"'{spec}' reads pictures of {wide}×{high} of the camera '{name}', and the bank's have {own}: import "
+                "the data set that it was trained on, or write a callable that resizes them"
+            )
+    steps, numbers = space.shape
+    state = len(flat_state(bank.frames[0].state))
+    if shapes.state not in {0, state}:
+        raise SpecError(f"'{spec}' reads {shapes.state} numbers of a state, and the bank's has {state}")
+    if numbers != shapes.action:
+        raise SpecError(f"'{spec}' answers with steps of {shapes.action} numbers, and the bank's have {numbers}")
+    if steps > shapes.steps:
+        raise SpecError(
+            f"'{spec}' answers with {shapes.steps} steps, and the bank's motions have {steps}: import it again with "
+            f"--horizon {shapes.steps} or less"
+        )
+
+
+def require_history(spec: str, history: int, bank: FrameBank) -> None:
+    """Raise SpecError if a controller asks for more instants before a frame than the bank holds."""
+    if history > bank.manifest.history:
+        raise SpecError(
+            f"'{spec}' declares history = {history}, and the bank {bank.root} holds "
+            f"{counted(bank.manifest.history, 'instant')} before each frame; make the bank with 'eyechart frames "
+            f"import --history {history}'"
+        )
+
+
 def require_channels(spec: str, declared: Sequence[str], bank: FrameBank) -> None:
     """Raise SpecError if a policy declares a channel that the bank does not have."""
     there = dict.fromkeys((*channels_of(bank), *(f"{CAMERA}{camera.name}" for camera in bank.frames[0].cameras)))
@@ -91,6 +163,8 @@ def instruction_column(bank: FrameBank) -> str | None:
 
 def reflected(stimulus: Stimulus, space: MotionSpace) -> Stimulus:
     """Return a mirrored stimulus whose words and state are reflected too, if the space says how."""
+    if stimulus.past:
+        stimulus = replace(stimulus, past=tuple(reflected(one, space) for one in stimulus.past))
     if space.words:
         said = {
             name: space.reflect_text(field) if isinstance(field, str) else field
@@ -160,9 +234,10 @@ def partners(
     """Return the place of each frame's partner, shape (n,), NOBODY if it has none.
 
     ``how`` is ``swapped``, ``matched`` or ``near``. ``images`` maps a picture's file to its digest,
-    and a partner's picture differs from the frame's own. Without ``images`` all pictures are taken
-    to differ. ``space`` says which numbers of the state are rotations. A single camera has the
-    partners of all cameras, unless one of those has the same picture there.
+    and a partner's picture differs from the frame's own, or that of an instant before it. Without
+    ``images`` all pictures are taken to differ. ``space`` says which numbers of the state are
+    rotations. A single camera has the partners of all cameras, unless one of those has the same
+    picture there.
     """
     return _partners(_FrameKeys(frames, images, () if space is None else space.rotations_of("state")), how, channel)
 
@@ -185,7 +260,7 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
         return "", []
     turns = () if manifest.motion is None else manifest.motion.rotations_of("state")
     ratios = reaches(_states(bank.frames, turns), asked, near[asked], matched[asked])
-    names = _compared_names(state_names(bank), turns)
+    names = _compared_names(state_names(bank), turns, manifest.history)
     still = ratios < STILL
     if 2 * int(still.sum()) <= int(np.isfinite(ratios).sum()):
         ratios = np.where(still, np.inf, ratios)
@@ -259,18 +334,33 @@ class _FrameKeys:
         names = [channel.removeprefix(CAMERA)] if channel.startswith(CAMERA) else every
         if self.images is None or not set(names) <= set(every):
             return range(len(self.frames))
-        files = [[frame.pictures[name] for name in names] for frame in self.frames]
+        files = [[one.pictures[name] for one in frame.window for name in names] for frame in self.frames]
         return [tuple(self.images.get(file, file) for file in many) for many in files]
 
 
 def _states(frames: Sequence[Frame], turns: tuple[Rotation, ...]) -> npt.NDArray[np.float64]:
-    """Return the states as they are compared: a rotation is its turn from the mean, 3 numbers."""
-    states = np.array([flat_state(frame.state) for frame in frames])
-    return about_their_mean(states, turns) if turns else states
+    """Return the states as they are compared: a rotation is its turn from the mean, 3 numbers.
+
+    Behind a frame's own state are the changes from instant to instant before it: a window also
+    tells a velocity, and two moments at one place may differ in it.
+    """
+    windows = np.array([[flat_state(one.state) for one in frame.window] for frame in frames])
+    count, instants, width = windows.shape
+    states = windows.reshape(count * instants, width)
+    states = about_their_mean(states, turns) if turns else states
+    windows = states.reshape(count, instants, states.shape[1])
+    changes = np.diff(windows, axis=1).reshape(count, (instants - 1) * states.shape[1])
+    return np.concatenate([windows[:, -1], changes], axis=1)
 
 
-def _compared_names(names: Sequence[str], turns: Sequence[Rotation]) -> list[str]:
+def _compared_names(names: Sequence[str], turns: Sequence[Rotation], history: int) -> list[str]:
     """Return the names of the numbers of `_states`."""
+    own = _turned_names(names, turns)
+    return own + [f"change of {name}, {ago} before" for ago in range(history - 1, -1, -1) for name in own]
+
+
+def _turned_names(names: Sequence[str], turns: Sequence[Rotation]) -> list[str]:
+    """Return the names of a state's numbers, in which each rotation is three."""
     by_first, found = {one.first: one for one in turns}, list[str]()
     taken = {number for one in turns for number in one.numbers}
     for place, name in enumerate(names):

@@ -10,11 +10,12 @@ import numpy as np
 from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, UNKNOWN, Ledger, SentAttempt
-from eyechart.models.prices import Prices
+from eyechart.models.prices import Prices, cost_at
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.records import JsonRecord
 from eyechart.spaces.motion import require_motions
 from eyechart.spaces.space import MISSING, AnySpace, Missing
+from eyechart.spaces.stated_motion import StatedMotionSpace
 
 ALL = "all"
 """The name of the account that holds every condition."""
@@ -81,7 +82,7 @@ class Book:
     """Adds up attempts one by one, in the order of sending; ``read`` reads their replies."""
 
     def __init__(self, mode: RequestMode, read: DecisionReader, prices: Prices) -> None:
-        self._mode, self._decide, self._prices = mode, read, prices
+        self._decide, self._price = read, prices.of(mode)
         self._pages: defaultdict[str, _ConditionSums] = defaultdict(_ConditionSums)
 
     def add(self, one: SentAttempt) -> None:
@@ -102,7 +103,7 @@ class Book:
         else:
             page.pending.discard(one.key)
             page.finish(one.key, reply, self._decide(one.key, reply).missing or "")
-        cost, how = self._prices.cost(self._mode, reply)
+        cost, how = cost_at(self._price, reply)
         page.cost_from[how] += 1
         page.take(reply, cost)
 
@@ -202,7 +203,7 @@ class _ConditionSums:
 class UnreadReply(JsonRecord):
     """A reply without a decision: its count, the reason, and its first characters, made printable.
 
-    For policies ``text`` is the fault of the array, and errors are listed too, by their text.
+    For policies ``text`` is the fault of the array (of words, the words), and errors are listed too, by their text.
     """
 
     count: int
@@ -224,7 +225,8 @@ def unread(ledger: Ledger, model: str, space: AnySpace, read: DecisionReader) ->
         decision = read(key, reply)
         if decision.missing is None or (reply.error is not None and not of_policy):
             continue
-        why, text = decision.why, require_motions(space).lacks(reply) if of_policy else reply.text
+        in_words = not of_policy or isinstance(space, StatedMotionSpace)
+        why, text = decision.why, reply.text if in_words else require_motions(space).lacks(reply)
         if reply.error is not None:
             why, text = reply.error, reply.error_detail
         seen = (decision.missing, why, printable(text))

@@ -171,14 +171,14 @@ def require_placed(messages: Sequence[PromptMessage], seen: Stimulus, who: str) 
     there = [place.written for place in every if place.image(seen) is not None]
     for place in (place for message in messages for place in message.places):
         if place.image(seen) is None:
-            lacks = (
-                f"{counted(place.ago, 'instant')} before a frame"
-                if place.name in seen.images
-                else "such a camera or example"
-            )
+            lacks, way = "such a camera or example", ""
+            if place.name in seen.images:
+                lacks = f"{counted(place.ago, 'instant')} before a frame"
+                way = f"; make the bank with 'eyechart frames import --history {place.ago}'"
             near = did_you_mean(place.written, there)
             raise SpecError(
-                f"{who} places {place.written}, but there is no picture of {lacks};{near} there are {', '.join(there)}"
+                f"{who} places {place.written}, but there is no picture of {lacks};{near} there are "
+                f"{', '.join(there)}{way}"
             )
 
 

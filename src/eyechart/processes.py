@@ -4,10 +4,11 @@ import ctypes
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -31,6 +32,18 @@ def open_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def begin_program(words: Sequence[str], environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
+    """Start a program with pipes for its input, output and errors.
+
+    The terminal's Ctrl-C does not reach it. It must end with its input: the system closes that when
+    this process ends, however it ends. Raises OSError where it cannot be started.
+    """
+    pipe = subprocess.PIPE
+    return subprocess.Popen(  # noqa: S603 - its caller names the program
+        words, stdin=pipe, stdout=pipe, stderr=pipe, env=environment, process_group=0
+    )
 
 
 class _DeafProcess(SpawnProcess):

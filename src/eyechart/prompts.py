@@ -16,6 +16,7 @@ from pathlib import Path
 
 from eyechart.calls import ANY_ACTION, Query
 from eyechart.cameras import Distances
+from eyechart.channels import INSTRUCTION, STATE, instruction_column
 from eyechart.errors import SpecError, raising, require_known
 from eyechart.frames import FrameBank, MirrorAxis, Stimulus
 from eyechart.messages import (
@@ -34,6 +35,7 @@ from eyechart.spaces.fields import candidates_of
 from eyechart.spaces.motion import MotionSpace
 from eyechart.spaces.scene import HIGHWAY, SCENES
 from eyechart.spaces.space import AnySpace
+from eyechart.spaces.stated_motion import ROWS, StatedMotionSpace, field_of
 
 _ONE_WORD = "Answer with one word: STOP, SLOW, STRAIGHT, LEFT or RIGHT."
 
@@ -167,10 +169,12 @@ class Prompt:
         space: AnySpace | None = SCENES if values.get("scene") is True else None
         if isinstance(own, dict):
             space = Discrete.from_dict(own)
-        elif values.get("answer") is not None:
+        elif values.get("answer") is not None and "motion" not in values:
             space = AnswerSpace.from_dict(values["answer"])
         elif values.get("motion") is not None:
             space = build(MotionSpace, values["motion"], "motion")
+            if "stated" in values:
+                space = StatedMotionSpace.read_from(space, values["stated"])
         prompt = cls(
             name=str(values["name"]),
             system=str(values["system"]),
@@ -322,6 +326,102 @@ def policy_prompt(space: MotionSpace, instruction: str | None) -> Prompt:
     return Prompt("policy", "", "" if instruction is None else f"{{{instruction}}}", template=True, space=space)
 
 
+def motion_prompt(bank: FrameBank, file: str | None, *, in_words: bool) -> Prompt:
+    """Return the prompt of a policy on a bank: its instruction, or words that ask for numbers.
+
+    Raises SpecError for a ``file`` that is no TOML file, or where answers come as arrays.
+    """
+    assert bank.manifest.motion is not None
+    if not in_words and file is not None:
+        raise SpecError("--prompt is for models that state numbers in words (openai:, ollama:, hf:): leave it out")
+    if not in_words:
+        return policy_prompt(bank.manifest.motion, instruction_column(bank))
+    if file is not None and not file.endswith(".toml"):
+        raise SpecError(f"the built-in prompts ask for named actions: give a policy --prompt FILE.toml, not '{file}'")
+    return stated_prompt(bank, None if file is None else find_prompt(file))
+
+
+def stated_steps(file: str | None) -> int:
+    """Return how many steps the answer of a prompt's file has: the size of its vectors, else one.
+
+    A file with one vector alone does not say how many numbers a step has, and counts as one step.
+    """
+    space = None if file is None or not file.endswith(".toml") else find_prompt(file).space
+    sizes = {one.size or 1 for one in space.fields} if isinstance(space, AnswerSpace) else {1}
+    several = isinstance(space, AnswerSpace) and len(space.fields) > 1
+    return sizes.pop() if several and len(sizes) == 1 else 1
+
+
+_MEANT: Mapping[str, str] = {
+    "delta": "a change",
+    "absolute": "the place to be at",
+    "velocity": "a speed",
+    "waypoints": "a place to pass",
+}
+"""What a step's numbers are, by the kind of motion."""
+
+
+def stated_prompt(bank: FrameBank, given: Prompt | None = None) -> Prompt:
+    """Return the prompt of a model that states a motion of a bank in words.
+
+    Its answer fields are those of a ``given`` prompt, else rows of numbers. Without one it is the
+    plainest prompt: picture, state, instruction and the form of the answer. Raises SpecError for
+    names as an answer, or a column that may not be said.
+    """
+    space = bank.manifest.motion
+    assert space is not None
+    if given is None:
+        return Prompt(
+            "neutral_motion", "", _motion_words(bank, space), template=True, space=StatedMotionSpace.of(space)
+        )
+    if given.space is not None and not isinstance(given.space, AnswerSpace):
+        raise SpecError(
+            f"prompt '{given.name}' asks for named actions, and a policy answers with numbers: declare them in "
+            "[answer], or ask for the names with 'eyechart run battery --prompt FILE'"
+        )
+    fields = () if given.space is None else given.space.fields
+    with raising(SpecError, f"prompt '{given.name}'", of=SpecError):
+        prompt = replace(given, space=StatedMotionSpace.of(space, fields))
+    texts = [text for message in given.messages for text in message.texts] or [given.system, given.user]
+    if any(match.group(2) == ACTIONS for text in texts for match in _FIELD.finditer(text)):
+        raise SpecError(f"prompt '{given.name}' says {{{ACTIONS}}}, and a policy has none: say which numbers to answer")
+    require_columns(prompt, bank)
+    return prompt
+
+
+def _motion_words(bank: FrameBank, space: MotionSpace) -> str:
+    """Return the plainest words that ask for a motion of a bank, with its state and instruction."""
+    steps, manifest = space.horizon, bank.manifest
+    cameras = [camera.name for camera in bank.frames[0].cameras]
+    seen = f"its cameras {', '.join(cameras)}, in this order" if len(cameras) > 1 else "its camera"
+    described = _FIELD.sub(lambda found: f"{{{{{found.group(1) or found.group(2)}}}}}", manifest.picture)
+    parts = [f"You control a machine by {seen} ({described})."]
+    states = [place for name in manifest.state if _FIELD.fullmatch(place := f"{{{name}}}")]
+    if states:
+        named = ", ".join(one.name for one in space.state)
+        parts.append(f"Its state{named and f' ({named})'}: {', '.join(states)}.")
+    parts += [] if (said := instruction_column(bank)) is None else [f"Your task: {{{said}}}."]
+    numbers = ", ".join(f"{one.name} ({one.unit})" if one.unit else one.name for one in space.dimensions)
+    rate = "" if space.rate_hz is None else f", {space.rate_hz:g} a second"
+    rows = "one row" if steps == 1 else f"{steps} rows, one for each of the next steps{rate}"
+    parts.append(f"Answer with {rows} of the numbers {numbers}; each number is {_MEANT[space.kind]}.")
+    form = ", ".join(f"<{field_of(one)}>" for one in space.dimensions)
+    parts.append(f'Reply with JSON and nothing else: {{"{ROWS}": [[{form}]{", …" if steps > 1 else ""}]}}')
+    return " ".join(parts)
+
+
+def says(prompt: Prompt, bank: FrameBank) -> frozenset[str]:
+    """Return which of state and instruction a prompt says, as far as the bank has them.
+
+    A prompt of arrays says both: a callable gets them beside the words.
+    """
+    if not isinstance(prompt.space, StatedMotionSpace):
+        return frozenset({STATE, INSTRUCTION})
+    said, manifest = set(prompt.fields), bank.manifest
+    found = ((STATE, manifest.state), (INSTRUCTION, manifest.prompt_columns))
+    return frozenset(channel for channel, columns in found if said & set(columns))
+
+
 _SCENE_SYSTEM = "You measure the scene in one picture. You reply with a single JSON object and nothing else."
 
 
@@ -386,14 +486,9 @@ def require_pictured(prompt: Prompt, seen: Stimulus) -> None:
 
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
     """Raise SpecError if a prompt uses a forbidden column, or omits actions of the bank."""
-    declared, space = (*bank.manifest.prompt_columns, *bank.manifest.state), bank.manifest.action_space
-    allowed = f"a prompt of this bank may say: {', '.join((*declared, ACTIONS))}"
-    for name in prompt.fields:
-        if name in bank.frames[0].truth:
-            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is ground truth; {allowed}")
-        if name not in declared:
-            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is not a prompt column; {allowed}")
-    _require_columns(prompt, space.columns, bank)
+    space = bank.manifest.action_space
+    require_columns(prompt, bank)
+    _require_names(prompt, space.columns, bank)
     said = " ".join(prompt.render({**bank.frames[0].state, **bank.frames[0].fields}, space.choices)).upper()
     unsaid = [action for action in space.choices if action.upper() not in said]
     ours = (*PROMPTS.values(), *FORWARD_PROMPTS.values())
@@ -404,7 +499,18 @@ def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
         )
 
 
-def _require_columns(prompt: Prompt, columns: Sequence[str], bank: FrameBank) -> None:
+def require_columns(prompt: Prompt, bank: FrameBank) -> None:
+    """Raise SpecError if a prompt uses a column that it may not say."""
+    declared = (*bank.manifest.prompt_columns, *bank.manifest.state)
+    allowed = f"a prompt of this bank may say: {', '.join((*declared, ACTIONS))}"
+    for name in prompt.fields:
+        if name in bank.frames[0].truth:
+            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is ground truth; {allowed}")
+        if name not in declared:
+            raise SpecError(f"prompt '{prompt.name}' asks for {{{name}}}, which is not a prompt column; {allowed}")
+
+
+def _require_names(prompt: Prompt, columns: Sequence[str], bank: FrameBank) -> None:
     """Raise SpecError if a column for the allowed names is lacking, or names none for a frame."""
     for column in columns:
         if column not in bank.manifest.prompt_columns:

@@ -49,16 +49,17 @@ def parse_json(text: str | bytes, most: int = MOST_VALUES, **how: Any) -> Any:  
     return json.loads(text, **how)
 
 
-def build(kind: type[T], raw: object, where: str = "it") -> T:
+def build(kind: type[T], raw: object, where: str = "it", *, foreign: bool = False) -> T:
     """Return the record of plain values; raises ValueError that names the place and the fault.
 
-    An unknown field is an error; ``where`` names the whole.
+    An unknown field is an error, unless the values are ``foreign``. ``where`` names the whole.
     """
     try:
         made = msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
         raise ValueError(_sentence(str(error), raw, where)) from error
-    _refuse_strange(raw, msgspec.to_builtins(made), where)
+    if not foreign:
+        _refuse_strange(raw, msgspec.to_builtins(made), where)
     return made
 
 

@@ -33,7 +33,7 @@ class Stimuli:
         self._seed = seed
         self._view = view
         self._made: BoundedCache[tuple[str, str], Stimulus] = BoundedCache(
-            lambda made: sum(map(len, made.images.values())), _MOST_BYTES, _MOST_PICTURES
+            lambda made: sum(map(len, made.pictures)), _MOST_BYTES, _MOST_PICTURES
         )
 
     def show(self, condition: str, frame_id: str) -> Stimulus:

@@ -11,7 +11,7 @@ from PIL import Image
 
 import edited_worlds
 from edited_worlds import Moment
-from eyechart.edits import Annotations, EditLimits, EditRecord, EditSource, Moves, ObjectBox, Photo, edit_photographs
+from eyechart.edits import Annotations, EditLimits, EditResult, EditSource, Moves, ObjectBox, Photo, edit_photographs
 from eyechart.edits.geometry import Box
 from eyechart.errors import SourceError
 
@@ -45,7 +45,7 @@ def photo_of(moment: Moment) -> Photo:
 class Read:
     """What a reader finds in edited pictures: (annotated, read) metres by photograph and picture."""
 
-    record: EditRecord
+    record: EditResult
     gaps: dict[str, dict[str, tuple[float, float | None]]]
 
     def ratios(self) -> np.ndarray:

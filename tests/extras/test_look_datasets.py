@@ -29,6 +29,18 @@ def test_a_policy_is_asked_with_as_many_steps_as_it_answers(tmp_path: Path, monk
     assert "at most 0 calls" in again.stderr
 
 
+def test_a_policy_that_needs_earlier_instants_gets_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The look's bank holds as many as the policy declares."""
+    monkeypatch.chdir(tmp_path)
+    reach(tmp_path / "set", {}, changes=True)
+    words = ["look", "brakers:goes_on", "--dataset", "set"]
+    done = CliRunner().invoke(app, words)
+    assert done.stdout.startswith("No. "), done.output
+    bank = open_bank(tmp_path / "looks/python-brakers-goes_on/bank")
+    assert (bank.manifest.history, min(frame.step for frame in bank)) == (1, 1)
+    assert CliRunner().invoke(app, words).stdout == done.stdout
+
+
 def test_a_kind_of_motions_that_is_not_told_leads_to_the_long_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

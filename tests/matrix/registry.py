@@ -181,7 +181,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ): "begins a worker of Ray, whose cluster ends it: tests/extras",
     ("eyechart.episodes.ray_workers", "join"): "joins a cluster of Ray: tests/extras",
     ("eyechart.episodes.records", "recorded"): "reads drives for a page: tests/episodes",
-    ("eyechart.frames.folder", "BankWriter.leave_out"): "removes a picture that an import leaves out: tests/extras",
+    ("eyechart.frames.folder", "BankWriter._remove"): "removes a picture that an import leaves out: tests/extras",
     ("eyechart.inspect", "_batch"): "runs inside Inspect AI, on what eyechart exported: benchmarks/inspect_battery.py",
     ("eyechart.inspect", "_rows"): "runs inside Inspect AI, on what eyechart exported: benchmarks/inspect_battery.py",
     (
@@ -207,9 +207,13 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
         "eyechart.models.huggingface.weights",
         "_header",
     ): "reads the header of a checkpoint in bounded length: tests/extras",
+    ("eyechart.models.lerobot.checkpoint", "_digest"): "digests a checkpoint, which its user names: tests/models",
+    ("eyechart.models.lerobot.process", "main"): "keeps the pipes that its parent gave it: tests/models",
+    ("eyechart.models.lerobot.process", "read_message"): "reads a message in bounded length: tests/models",
     ("eyechart.models.ollama", "_fetched"): "asks Ollama of its model, as its user names it: tests/models",
     ("eyechart.perception.estimators", "_silent_when_free"): "parses what eyechart wrote itself",
     ("eyechart.probe.arrival", "in_form"): "opens a picture that eyechart drew itself",
+    ("eyechart.processes", "begin_program"): "begins a program, whose end is its parent's: tests/models",
     ("eyechart.report.page", "unpack"): "reads a page of a bundle only where its bytes differ: tests/bundle",
     (
         "eyechart.serve.lifecycle",

@@ -238,6 +238,20 @@ def test_a_model_of_words_answers_lists_too(tmp_path: Path) -> None:
     assert texts[0]
 
 
+def test_a_call_without_a_reply_for_each_leaves_no_query_waiting() -> None:
+    """Each gets the error."""
+
+    async def call(queries: Sequence[Query]) -> list[Reply]:
+        return [Reply(text="one")] * (len(queries) - 1)
+
+    async def made() -> list[Reply | BaseException]:
+        batches = Batches(2, call)
+        async with asyncio.timeout(5):
+            return await asyncio.gather(*(batches.answer(query(9, seed)) for seed in (1, 2)), return_exceptions=True)
+
+    assert [type(one) for one in asyncio.run(made())] == [ValueError, ValueError]
+
+
 def test_a_failure_that_several_share_is_asked_of_each() -> None:
     """Who causes it fails, and the others have their answers; a batch that is not full does not wait for ever."""
     asked: list[int] = []

@@ -21,8 +21,8 @@ from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.importing import Choices, import_table, read_rig
 from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, _ProbeFrames, examine_policy
+from eyechart.prompts import motion_prompt
 from eyechart.simulators import open_bank_simulator
-from eyechart.spaces.motion import MotionSpace
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("late_pictures", "same", False, "it keeps a memory; declare reset"),
         ("tiled", "same", None, "or keeps a memory; for a memory, declare reset"),
         ("cached", "cameras", False, "does the policy repeat an earlier answer?"),
-        ("goes_on", "constant", None, "a policy with a history cannot be asked yet"),
+        ("goes_on", "constant", None, "if it needs earlier ones, let it declare history"),
         ("unseeded", "same", False, "two answers with one seed"),
         ("jitters", "same", True, "except for rounding"),
         ("jitters_unseeing", "cameras", False, "another picture changes the answer by no more than rounding"),
@@ -146,15 +146,10 @@ def test_a_policy_that_hears_nothing_is_not_told_that_its_colours_are_exchanged(
 def test_numbers_are_held_against_moments_of_all_parts_of_an_episode(tmp_path: Path, steps: int) -> None:
     """Were they all of one step, on which the log hardly moves, any other answer would be of another unit."""
     bank = open_bank_simulator("tabletop").build(tmp_path / "bank", steps=steps)
-    assert len({frame.step for frame in _ProbeFrames(bank, _motion(bank)).further}) == 4
+    assert len({frame.step for frame in _ProbeFrames(bank, motion_prompt(bank, None, in_words=False)).further}) == 4
     said = {finding.name: finding for finding in examine_policy("python:arms:deaf", bank).findings}
     assert said["unit"].fine, said["unit"].says
     assert {finding.name: finding for finding in examine_policy("python:arms:raw", bank).findings}["unit"].fine is False
-
-
-def _motion(bank: FrameBank) -> MotionSpace:
-    assert bank.manifest.motion is not None
-    return bank.manifest.motion
 
 
 def test_a_sound_policy_has_nothing_amiss(bank: FrameBank) -> None:

@@ -54,6 +54,19 @@ def test_the_tail_of_the_fair_coin_is_the_sum_of_its_ways(n: int, share: float) 
     assert paired_tests._fair_coin_tail(k, n) == sum(math.comb(n, i) for i in range(k, n + 1)) / 2**n
 
 
+@pytest.mark.parametrize("n", [1000, 1001, 4000, 20_000])
+def test_the_tail_of_many_coins_is_that_counted_in_integers(n: int) -> None:
+    """On both sides of the middle and far out, to more digits than are printed."""
+    above, ways, term = {n + 1: 0}, 0, 1
+    for k in range(n, -1, -1):  # k heads in term ways
+        ways += term
+        above[k] = ways
+        term = term * k // (n - k + 1)
+    for times in (-60, -9, -3, -0.1, 0, 0.1, 1, 3, 9, 20):
+        k = max(0, round(n / 2 + times * math.sqrt(n) / 2))
+        assert paired_tests._fair_coin_tail(k, n) == pytest.approx(above[k] / 2**n, rel=1e-10, abs=1e-300)
+
+
 def test_fifty_thousand_discordant_pairs_are_counted_exactly_at_once() -> None:
     """Two hundred wins more than losses: the normal approximation with continuity correction is near."""
     wins, n = 25_100, 50_000

@@ -3,32 +3,36 @@
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
+from eyechart.api.battery import _ask, _Mode
 from eyechart.api.reports import RunReport, row_of, written_page
 from eyechart.api.subjects import each_named, placed, require_arguments, require_new, require_several, still
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank, open_bank
-from eyechart.models import OpenedModel, open_policy, policy_mode
+from eyechart.models import OpenedModel, states
 from eyechart.models.policy_callable import hold
 from eyechart.models.prices import read_prices
 from eyechart.models.python_callable import name_of
+from eyechart.modes import RequestMode
 from eyechart.planned_run import RunAllowance, moving
 from eyechart.probe import policies as doctor
 from eyechart.probe.policies import PolicyDiagnosis
 from eyechart.run import Progress
 from eyechart.studies import policy
 from eyechart.studies.policy import PolicyScore, PolicySelection
+from eyechart.studies.policy.plans import PolicyRun
 from eyechart.studies.policy.scores import judge
-from eyechart.studies.probes import accept_losses
+from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
 from eyechart.verdicts.policy_verdict import PolicyVerdict
 
 if TYPE_CHECKING:  # a score needs no templates
     from eyechart.report.page import Page
 
-AskedPolicy = str | Callable[..., object]
-"""A policy: its SPEC, or a callable from (images, state, instruction) to (horizon, dimensions)."""
+AskedPolicy = str | RequestMode | Callable[..., object]
+"""A policy: its SPEC or request mode, or a callable (images, state, instruction) -> array."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,16 +78,19 @@ class PolicyReport(RunReport[PolicyScore, PolicyVerdict]):
         return f"the bank '{self.score.bank.name}'" if self.verdicts else "the run holds no policy"
 
 
-class _PolicyOptions(TypedDict, total=False):
-    """The options of a run of policies: those of its ``plan`` and ``run``."""
+class _PolicyOptions(_Mode, total=False):
+    """The options of a run of policies: request-mode fields, and those of its ``plan`` and ``run``."""
 
     conditions: Sequence[str] | None
+    prompt: str | None
     seed: int
     limit: int | None
     answers: int
     shapley: bool
-    timeout_s: float | None
     max_calls: int | None
+    max_cost: float | None
+    concurrency: int
+    probe: bool
     again: bool
     accept_loss: bool
     engine: str
@@ -111,13 +118,19 @@ def run_policies(
 
     ``limit`` is the number of frames. A policy that samples its answers is asked ``answers`` times
     (4). ``shapley`` asks about every subset of the channels. ``conditions`` (default: all that the
-    bank can show), ``seed`` and ``timeout_s`` (for an answer) are those of
-    `eyechart.studies.policy.plan`. The run stops at ``max_calls``. ``again`` retries calls that
-    failed in transport. With ``engine="ray"``, so many ``workers`` of the cluster of RAY_ADDRESS
-    hold each policy, and each claims ``gpus``. ``accept_loss`` continues although the ledger lost finished calls.
+    bank can show) and ``seed`` are those of `eyechart.studies.policy.plan`. The run stops at
+    ``max_calls``, or at ``max_cost`` US dollars. ``again`` retries calls that failed in transport.
+    With ``engine="ray"``, so many ``workers`` of the cluster of RAY_ADDRESS hold each policy, and
+    each claims ``gpus``. ``accept_loss`` continues although the ledger lost finished calls.
     ``progress`` gets (calls done, total).
 
-    Raises BankError, SpecError or LedgerError as ``plan`` does.
+    A served model that states a motion in words (``openai:``, ``ollama:``, ``hf:``) is a policy too.
+    ``prompt`` is the TOML file that asks it; ``concurrency`` (8) calls are made at once. Given by
+    its SPEC it is probed first, unless ``probe`` is false. ``base_url``, ``max_tokens``,
+    ``timeout_s`` and the other fields of a `eyechart.modes.RequestMode` (all but ``seed``) apply to
+    policies that are not given by a request mode.
+
+    Raises BankError, SpecError or LedgerError as ``plan`` does, and ProbeError if a probe fails.
     """
     root, place = placed(bank), Path(out).absolute()
     require_arguments("run_policies", asking, _PolicyOptions)
@@ -133,25 +146,39 @@ def run_policies(
     )
     if asking.get("accept_loss", False):
         list(accept_losses(place))
-    planned = policy.plan(
+    patient = asking.get("timeout_s") is not None
+    how: dict[str, Any] = {
+        name: one for name, one in asking.items() if name in _Mode.__annotations__ and (patient or name != "timeout_s")
+    }
+    held, modes, by_option = _opened(policies, how)
+    planned_of = partial(
+        policy.plan,
         root,
-        _opened(policies, timeout_s := asking.get("timeout_s")),
-        place,
+        out=place,
         seed=whole_number("seed", asking.get("seed", 0), 0),
         extent=extent,
         conditions=conditions,
-        timeout_s=timeout_s,
+        prompt=asking.get("prompt"),
     )
+
+    def plan(modes: Sequence[RequestMode]) -> PolicyRun:
+        return planned_of(specs=[held.get(mode.spec, mode) for mode in modes])
+
     most = None if most is None else whole_number("max_calls", most, 1)
+    at_once = whole_number("concurrency", asking.get("concurrency", 8 if any(map(_states, modes)) else 1), 1)
+    bounds: dict[str, Any] = {"max_calls": most, "max_cost": asking.get("max_cost"), "concurrency": at_once}
     allowed = RunAllowance(
         read_prices(),
-        max_calls=most,
-        concurrency=1,
+        no_probe=not asking.get("probe", True),
         again=asking.get("again", False),
         engine=asking.get("engine", "local"),
         workers=whole_number("workers", asking.get("workers", 1), 1),
         gpus=asking.get("gpus", 0.0),
+        **bounds,
     )
+    runmodes = RunModes(modes, by_option, how)
+    planned = plan_probed(Planner(plan, [place]), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
+    assert planned is not None  # a failed probe raises before this
     outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
         warnings.warn(f"{spec} was set aside, and is judged by its answers before that: {why}", stacklevel=3)
@@ -174,16 +201,20 @@ def examine_policy(
     policy: AskedPolicy | Mapping[str, Callable[..., object]],
     *,
     timeout_s: float | None = None,
+    prompt: str | None = None,
 ) -> PolicyDiagnosis:
     """Test a policy with at most twenty calls, as ``eyechart doctor`` does, and return its faults.
+
+    ``prompt`` is a TOML file that asks a served model for a motion in words.
 
     ``print`` the result for one line per check; ``.exit_code`` is 0 if nothing is wrong. Raises
     SpecError if it is no policy, and BankError if the bank declares no motion or has one episode.
     """
-    opened = _opened(policy, timeout_s)
-    if len(opened) != 1:
-        raise SpecError(f"examine_policy takes one policy, not {len(opened)}")
-    return doctor.examine_policy(opened[0], bank if isinstance(bank, FrameBank) else open_bank(Path(bank)))
+    held, modes, _ = _opened(policy, {} if timeout_s is None else {"timeout_s": timeout_s})
+    if len(modes) != 1:
+        raise SpecError(f"examine_policy takes one policy, not {len(modes)}")
+    frames = bank if isinstance(bank, FrameBank) else open_bank(Path(bank))
+    return doctor.examine_policy(held.get(modes[0].spec, modes[0]), frames, prompt=prompt)
 
 
 def _read(run: Path | str, *, reread: bool = False) -> PolicyReport:
@@ -191,17 +222,27 @@ def _read(run: Path | str, *, reread: bool = False) -> PolicyReport:
     return PolicyReport(Path(run), scored, judge(scored))
 
 
+def _states(mode: RequestMode) -> bool:
+    return states(mode.spec)
+
+
 def _opened(
-    policies: AskedPolicy | Sequence[AskedPolicy] | Mapping[str, Callable[..., object]], timeout_s: float | None
-) -> list[OpenedModel]:
-    """Return each policy with its mode; raises SpecError for no policy, or a name twice."""
-    opened: dict[str, OpenedModel] = {}
-    for name, one in each_named(policies, "policy", "policies", (str,)):
-        if isinstance(one, str):
-            opened[one] = open_policy(one, timeout_s)
-            continue
-        assert callable(one)
-        mode = policy_mode(f"python:{name or name_of(one)}", timeout_s)
-        require_new(mode.spec, opened, "policies")
-        opened[mode.spec] = OpenedModel(mode, hold(one, mode))
-    return list(opened.values())
+    policies: AskedPolicy | Sequence[AskedPolicy] | Mapping[str, Callable[..., object]], how: Mapping[str, Any]
+) -> tuple[dict[str, OpenedModel], list[RequestMode], frozenset[str]]:
+    """Return the open callables, the request modes of all policies in order, and the given SPECs.
+
+    Raises SpecError for no policy, or a name twice.
+    """
+    held: dict[str, OpenedModel] = {}
+    modes: dict[str, RequestMode] = {}
+    several = each_named(policies, "policy", "policies", (str, RequestMode))
+    for name, one in several:
+        if isinstance(one, str | RequestMode):
+            mode = one if isinstance(one, RequestMode) else RequestMode(one, **how)
+        else:
+            assert callable(one)
+            mode = RequestMode(f"python:{name or name_of(one)}", **how)
+            require_new(mode.spec, modes, "policies")
+            held[mode.spec] = OpenedModel(mode, hold(one, mode))
+        modes[mode.spec] = mode
+    return held, list(modes.values()), frozenset(one for _, one in several if isinstance(one, str))

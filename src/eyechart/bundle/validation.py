@@ -450,7 +450,7 @@ def _is_encoded(plan: Plan, condition: str) -> bool:
     try:
         stored = replace(plan.bank, plain=False)
         files = [stored.read(file) for file in plan.sources(condition, frame)]
-        return not all(image in files for image in plan.seen(condition, frame).images.values())
+        return not all(image in files for image in plan.seen(condition, frame).pictures)
     except EyechartError:
         return False
 

@@ -13,7 +13,7 @@ from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, counted, require_known
 
 if TYPE_CHECKING:
-    from eyechart.edits import Annotations, EditRecord, Moves
+    from eyechart.edits import Annotations, EditResult, Moves
     from eyechart.frames import Span
     from eyechart.looks import Look, LookRequest
 
@@ -158,7 +158,7 @@ def _span(name: str, text: str) -> "Span":
         raise SpecError(f"--{name} takes two distances in metres, as 5:9; got '{text}'") from error
 
 
-def _without_digests(record: "EditRecord") -> dict[str, object]:
+def _without_digests(record: "EditResult") -> dict[str, object]:
     return {name: value for name, value in record.as_dict().items() if name != "digests"}
 
 
@@ -177,7 +177,7 @@ def import_command(out: Path, threshold: float) -> str:
     return shlex.join([*words, "--unit", "m", "--mirror", "horizontal", "--out", "bank"])
 
 
-def words_of(record: "EditRecord", out: Path) -> list[str]:
+def words_of(record: "EditResult", out: Path) -> list[str]:
     """Return what an edit made and refused, a line each."""
     lines = [f"{counted(count, 'photograph')} with {name}" for name, count in record.pictures.items()]
     reasons = record.by_reason()

@@ -130,6 +130,13 @@ class SourceDescription:
         ),
     ] = None
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1
+    history: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Instants to keep before each frame, for prompts and policies that see several: rows, a step apart.",
+        ),
+    ] = 0
     convert: Annotated[
         bool, typer.Option("--convert", help="Convert pictures to upright 8-bit RGB; without it, others are refused.")
     ] = False
@@ -190,6 +197,7 @@ class SourceDescription:
             strata=_names(self.strata),
             independent=self.independent,
             every=self.every,
+            history=self.history,
             convert=_convert(self.background, self.longest, asked=self.convert),
             keep_repeats=self.keep_repeats,
             numerals=_numerals(self.numbers, self.no_lead, wrong),

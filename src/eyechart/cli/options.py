@@ -226,7 +226,28 @@ class DriveOptions(ModelRunOptions):
     cluster: NoClusterOptions = NoClusterOptions()  # type: ignore[assignment]
 
 
-MADE, FORMS_MADE, DRIVEN = ModelRunOptions(), FormRunOptions(), DriveOptions()
+@dataclass(frozen=True)
+class PolicyRunOptions(ModelRunOptions):
+    """`ModelRunOptions` for policies: those called here are called one at a time."""
+
+    concurrency: Annotated[
+        int | None,
+        typer.Option(min=1, help="Concurrent calls per policy; default: 1, and 8 for a model that answers in words."),
+    ] = None  # type: ignore[assignment]
+
+    def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - as in ModelRunOptions
+        """Return what a command allows its run; ``in_words`` says that models answer in words."""
+        usual = 8 if more.pop("in_words") else 1
+        at_once = {"concurrency": self.concurrency or usual, "again": self.again, **vars(self.cluster)}
+        return self.spending.allowed(out, dry_run=self.dry_run, **at_once, **more)
+
+
+MADE, FORMS_MADE, DRIVEN, POLICIES_MADE = (
+    ModelRunOptions(),
+    FormRunOptions(),
+    DriveOptions(),
+    PolicyRunOptions(),
+)
 
 
 def names(given: str | None) -> list[str] | None:

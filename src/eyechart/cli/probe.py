@@ -8,6 +8,7 @@ import typer
 
 from eyechart.cli.options import AS_USUAL, Json, PriceFile, RequestOptions, expanded, mode_of, read_modes
 from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
+from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -34,6 +35,9 @@ def doctor(
     frames: Annotated[
         Path | None, typer.Option(help="A bank with motions: SPEC is a policy, tested on a few of the bank's frames.")
     ] = None,
+    prompt: Annotated[
+        str | None, typer.Option(help="With --frames: FILE.toml that asks a model for a motion in words.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Find out in at most 28 calls whether a model sees pictures, and if not, why.
@@ -47,7 +51,9 @@ def doctor(
     Example: eyechart doctor openai:MODEL --base-url http://127.0.0.1:8000/v1
     """
     if frames is not None:
-        _doctor_policy(spec, frames, json=json)
+        _doctor_policy(_mode(spec, how.given()), frames, prompt, json=json)
+    if prompt is not None:
+        raise SpecError("--prompt asks a policy for a motion, and needs --frames BANK: without it leave it out")
     from eyechart.models.prices import read_prices
     from eyechart.probe import doctor as examine
     from eyechart.probe.doctor import MOST_CALLS
@@ -118,14 +124,17 @@ def probe(
         raise typer.Exit(1)
 
 
-def _doctor_policy(spec: str, frames: Path, *, json: bool) -> NoReturn:
+def _doctor_policy(mode: "RequestMode", frames: Path, prompt: str | None, *, json: bool) -> NoReturn:
     """Print what is wrong with a policy; exit 0, 1 or 2."""
     from eyechart.frames import open_bank
     from eyechart.probe.policies import MOST_CALLS, examine_policy
 
     with resumable("nothing is kept"), patience("doctor") as under_way:
         diagnosis = examine_policy(
-            spec, open_bank(frames), tell=lambda number: under_way(f"call {number} of at most {MOST_CALLS}")
+            mode,
+            open_bank(frames),
+            prompt=prompt,
+            tell=lambda number: under_way(f"call {number} of at most {MOST_CALLS}"),
         )
     if json:
         print_json(diagnosis.as_dict())

@@ -259,6 +259,13 @@ def policy(
     frames: options.Frames,
     out: options.Out,
     policy: Annotated[list[str] | None, typer.Option(help="A policy's SPEC; repeat for more policies.")] = None,
+    mode: options.Mode = None,
+    prompt: Annotated[
+        str | None,
+        typer.Option(
+            help="FILE.toml that asks a model for a motion in words (openai:, ollama:, hf:); default: plain words."
+        ),
+    ] = None,
     conditions: Annotated[
         str | None, typer.Option(help="Conditions with commas; default: all that the bank can show.")
     ] = None,
@@ -274,34 +281,34 @@ def policy(
     seed: options.Seed = 0,
     limit: options.Limit = None,
     shard: options.Shard = None,
-    concurrency: Annotated[int, typer.Option(min=1, help="Concurrent calls per policy.")] = 1,
     timeout_s: Annotated[float | None, typer.Option(min=0.1, help="Seconds for an answer.")] = None,
-    max_calls: Annotated[int | None, typer.Option(min=1, help="Stop at this many calls in total.")] = None,
-    again: options.AskAgain = False,
-    accept_loss: options.AcceptLoss = False,
-    dry_run: options.DryRun = False,
-    cluster: options.ClusterOptions = options.ON_THIS_MACHINE,
+    making: options.PolicyRunOptions = options.POLICIES_MADE,
 ) -> None:
     """Ask policies about every frame of a bank, with channels exchanged between episodes.
 
     A policy answers with a motion: python:MODULE:FUNCTION takes (images, state, instruction) and
-    returns an array (horizon, dimensions). Exit 1: calls are unfinished, or a policy never gave a
-    motion; 3: stopped at --max-calls.
+    returns an array (horizon, dimensions). lerobot:CHECKPOINT is a folder that LeRobot's
+    save_pretrained wrote. A model that answers with numbers is a policy too: it states them in
+    words, and is probed and asked as in 'run battery'. Exit 1: calls are unfinished, or a policy
+    never gave a motion; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run policy --policy python:my_robot:act --frames bank --out run
     """
+    from eyechart.models import states
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
-    from eyechart.studies.probes import NOBODY, Planner
+    from eyechart.studies.probes import Planner
 
-    def planned(_: "Sequence[RequestMode]") -> "PolicyRun":
+    given = {} if timeout_s is None else {"timeout_s": timeout_s}
+    asked = options.read_modes(policy, mode, making.how.given() | given)
+
+    def planned(modes: "Sequence[RequestMode]") -> "PolicyRun":
         extent = study.PolicySelection(limit, None if shard is None else read_shard(shard), answers, shapley)
-        asked = options.names(conditions)
-        return study.plan(frames, policy or (), out, seed=seed, extent=extent, conditions=asked, timeout_s=timeout_s)
+        names = options.names(conditions)
+        return study.plan(frames, modes, out, seed=seed, extent=extent, conditions=names, prompt=prompt)
 
-    spending = options.CostLimits(max_calls, accept_loss=accept_loss)
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency, again=again, **vars(cluster))
+    allowed = making.allowed(out, shard=shard, in_words=any(states(one.spec) for one in asked.modes))
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
-    make(Planner(planned, [out]), NOBODY, allowed, done)
+    make(Planner(planned, [out]), asked, allowed, done)
 
 
 _SCENES = "'eyechart score {}' prints the table, the clauses and every figure"

@@ -85,7 +85,7 @@ def costs(
         return
     priced = read_prices(prices)
     took = study.took(run, priced)
-    each = study.deployment([run], ReadOptions(prices=priced))
+    each = study.deployment([run], ReadOptions(prices=priced), {run: took})
     lines = [] if took.accounts else ["no model was asked: policies and worlds take no calls"]
     lines += [f"the probe of {spec} before the run also took: {probe.words}" for spec, probe in took.probes.items()]
     for spec, found in took.guards.items():

@@ -1,5 +1,6 @@
 """Input conditions: what a query shows of a frame; the rest of the query stays the same."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -10,7 +11,7 @@ import numpy as np
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
 from eyechart.corruptions import CORRUPTIONS, STEPS, Corruption, step_of
 from eyechart.errors import BankError, SpecError, did_you_mean, require_known
-from eyechart.frames import PATCHED, RGB, Camera, Frame, Source, Stimulus, decode, encode, stored
+from eyechart.frames import PATCHED, RGB, Camera, Frame, FrameBank, Source, Stimulus, decode, encode, stored
 from eyechart.seeds import key_seed
 from eyechart.stats.partners import NOBODY
 
@@ -18,6 +19,12 @@ MID_GREY = 128
 OVER = "@"
 """Separates a condition from its camera, channel or corruption: ``blank@wrist``, ``swapped@state``,
 ``lead_near@fog_3``."""
+FROZEN = "frozen"
+"""The first picture of a drive, or of a bank's window, at every instant."""
+ONE_INSTANT = "the bank holds earlier instants, and has no such pictures of them"
+"""Why a frame with a past cannot be shown a picture in which one thing was changed."""
+NO_HISTORY = "the bank holds no instants before a frame; make it with 'eyechart frames import --history N'"
+"""Why other banks cannot show `FROZEN`."""
 AGAIN, ABSENT = "real_again", "lead_absent"
 """The true picture in the stage of the picture without the lead, for frames with both."""
 EXCHANGED = "exchanged"
@@ -60,19 +67,31 @@ def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
     return Stimulus(images, frame.fields, frame.state)
 
 
+def _each(shown: Callable[..., Stimulus], *frames: Frame) -> Stimulus:
+    """Return what ``shown`` makes of frames, and of the instants before them.
+
+    With two frames, it gets the instants of both that are equally long ago.
+    """
+    past = tuple(shown(*many) for many in zip(*(one.past for one in frames), strict=True))
+    now = shown(*frames)
+    return replace(now, past=past) if past else now
+
+
 def _real(frame: Frame, source: Source, _: int) -> Stimulus:
-    return _shown(frame, source.images(frame))
+    return _each(lambda one: _shown(one, source.images(one)), frame)
 
 
-def _again(frame: Frame, source: Source, _: int) -> Stimulus:
+def _again(frame: Frame, source: Source, seed: int) -> Stimulus:
     if ABSENT not in frame.counterfactuals:
         raise BankError(f"frame '{frame.id}' has no picture {ABSENT}, which {AGAIN} needs")
-    return _shown(frame, source.images(frame))
+    return _real(frame, source, seed)
 
 
 def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
-    shapes = source.shapes(frame).items()
-    return _shown(frame, {name: _grey(shape) for name, shape in shapes})
+    def grey(one: Frame) -> Stimulus:
+        return _shown(one, {name: _grey(shape) for name, shape in source.shapes(one).items()})
+
+    return _each(grey, frame)
 
 
 @lru_cache(maxsize=8)
@@ -81,30 +100,57 @@ def _grey(shape: tuple[int, int, int]) -> bytes:
 
 
 def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
-    rng, shapes = np.random.default_rng(seed), source.shapes(frame).items()
-    written = stored if source.stores_noise else encode
-    return _shown(frame, {name: written(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
+    rng, written = np.random.default_rng(seed), stored if source.stores_noise else encode
+
+    def noise(one: Frame) -> Stimulus:
+        shapes = source.shapes(one).items()
+        return _shown(one, {name: written(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
+
+    return _each(noise, frame)
 
 
 def _other(name: str) -> Callable[[Frame, Source, int], Stimulus]:
-    """Return the maker of the picture of a frame's partner under this condition."""
-    return lambda frame, source, seed: _shown(frame, source.images(partner(frame, source, seed, name)))
+    """Return the maker of the pictures of a frame's partner under this condition."""
+
+    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
+        other = partner(frame, source, seed, name)
+        return _each(lambda own, theirs: _shown(own, source.images(theirs)), frame, other)
+
+    return make
 
 
 def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
-    if frame.mirror_axis == "none":
-        raise BankError(f"frame '{frame.id}' has no mirror axis, so it cannot be shown mirrored")
-    seen, axes = source.images(frame), {camera.name: camera.mirror_axis for camera in frame.cameras}
-    images = {}
-    for one in frame.cameras:
-        other = one.mirrors or one.name
-        images[one.name] = encode(flip(decode(seen[other], frame.pictures[other]), axes[other]))
-    return _shown(frame, images)
+    def mirrored(instant: Frame) -> Stimulus:
+        if instant.mirror_axis == "none":
+            raise BankError(f"frame '{instant.id}' has no mirror axis, so it cannot be shown mirrored")
+        seen, axes = source.images(instant), {camera.name: camera.mirror_axis for camera in instant.cameras}
+        images = {}
+        for one in instant.cameras:
+            other = one.mirrors or one.name
+            images[one.name] = encode(flip(decode(seen[other], instant.pictures[other]), axes[other]))
+        return _shown(instant, images)
+
+    return _each(mirrored, frame)
+
+
+def _frozen(frame: Frame, source: Source, _: int) -> Stimulus:
+    """Return the first picture of the drive, or of the frame's window, at every instant."""
+    first = source.images(frame.past[0]) if frame.past else source.images(frame, FROZEN)
+    return _each(lambda one: _shown(one, first), frame)
 
 
 def _drawn(name: str) -> Callable[[Frame, Source, int], Stimulus]:
-    """Return the maker of the counterfactual of this name."""
-    return lambda frame, source, _: _shown(frame, source.images(frame, name))
+    """Return the maker of the counterfactual of this name.
+
+    It shows one instant. A frame with a past has no such pictures of the others.
+    """
+
+    def make(frame: Frame, source: Source, _: int) -> Stimulus:
+        if frame.past:
+            raise BankError(f"frame '{frame.id}' cannot be shown {name}: {ONE_INSTANT}")
+        return _shown(frame, source.images(frame, name))
+
+    return make
 
 
 def _nudged(name: str, of: str | None = None) -> Callable[[Frame, Source, int], Stimulus]:
@@ -116,16 +162,20 @@ def _nudged(name: str, of: str | None = None) -> Callable[[Frame, Source, int], 
     """
 
     def make(frame: Frame, source: Source, seed: int) -> Stimulus:
-        if name in frame.counterfactuals:
+        if name in frame.counterfactuals and not frame.past:
             return _shown(frame, source.images(frame, name))
-        rng, images = np.random.default_rng(seed), {}
-        files = frame.pictures if of is None else frame.counterfactuals.get(of, {})
-        for camera, picture in source.images(frame, of).items():
-            pixels = decode(picture, files[camera]).copy()
-            _, width, channels = pixels.shape
-            pixels[0, int(rng.integers(width)), int(rng.integers(channels))] ^= 1
-            images[camera] = encode(pixels)
-        return _shown(frame, images)
+        rng = np.random.default_rng(seed)
+
+        def nudged(one: Frame) -> Stimulus:
+            files, images = one.pictures if of is None else one.counterfactuals.get(of, {}), {}
+            for camera, picture in source.images(one, of).items():
+                pixels = decode(picture, files[camera]).copy()
+                _, width, channels = pixels.shape
+                pixels[0, int(rng.integers(width)), int(rng.integers(channels))] ^= 1
+                images[camera] = encode(pixels)
+            return _shown(one, images)
+
+        return _each(nudged, frame)
 
     return make
 
@@ -136,14 +186,24 @@ def is_nudged(picture: bytes, of: bytes) -> bool:
     return one.shape == other.shape and int(np.abs(one - other).sum()) == 1
 
 
+def _text_only(frame: Frame, *_: object) -> Stimulus:
+    return _each(lambda one: _shown(one, {}), frame)
+
+
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
-    return replace(_real(frame, source, seed), fields=text_source_frame(frame, source, seed).fields)
+    other = text_source_frame(frame, source, seed)
+
+    def told(own: Frame, theirs: Frame) -> Stimulus:
+        state = {name: (theirs if name in source.said else own).state[name] for name in own.state}
+        return Stimulus(source.images(own), theirs.fields, state)
+
+    return _each(told, frame, other)
 
 
 def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     """Return the maker of a counterfactual with another episode's instruction."""
-    return lambda frame, source, _: replace(
-        _shown(frame, source.images(frame, name)), fields=partner_of(frame, source, "swapped", INSTRUCTION).fields
+    return lambda frame, source, seed: replace(
+        _drawn(name)(frame, source, seed), fields=partner_of(frame, source, "swapped", INSTRUCTION).fields
     )
 
 
@@ -151,19 +211,27 @@ def _exchanged(base: str) -> Callable[[str, Frame, Source, int], Stimulus]:
     """Return the maker of a frame with one channel of its partner, or all but one (``kept``)."""
 
     def make(channel: str, frame: Frame, source: Source, _: int) -> Stimulus:
-        own, other = frame, partner_of(frame, source, base, channel)
-        given, taken = (other, own) if base == "kept" else (own, other)
-        images = dict(source.images(given))
-        if channel == CAMERAS:
-            images = dict(source.images(taken))
-        elif channel.startswith(CAMERA):
-            name = channel.removeprefix(CAMERA)
-            require_picture(name, frame, images)
-            images[name] = source.images(taken)[name]
-        fields = taken.fields if channel == INSTRUCTION else given.fields
-        return Stimulus(images, fields, taken.state if channel == STATE else given.state)
+        other = partner_of(frame, source, base, channel)
+        return mixed(other, frame, channel, source) if base == "kept" else mixed(frame, other, channel, source)
 
     return make
+
+
+def mixed(given: Frame, taken: Frame, channel: str, source: Source) -> Stimulus:
+    """Return the frame ``given`` with one channel of the frame ``taken``, at every instant."""
+
+    def mix(own: Frame, other: Frame) -> Stimulus:
+        images = dict(source.images(own))
+        if channel == CAMERAS:
+            images = dict(source.images(other))
+        elif channel.startswith(CAMERA):
+            name = channel.removeprefix(CAMERA)
+            require_picture(name, own, images)
+            images[name] = source.images(other)[name]
+        fields = other.fields if channel == INSTRUCTION else own.fields
+        return Stimulus(images, fields, other.state if channel == STATE else own.state)
+
+    return _each(mix, given, taken)
 
 
 def require_picture(camera: str, frame: Frame, images: Mapping[str, bytes]) -> None:
@@ -199,7 +267,12 @@ TABLE: dict[str, Condition] = {
             _other("cross_scenario"),
             frozenset({"stranger"}),
         ),
-        Condition("text_only", "none", "prompt alone sufficient?", lambda frame, *_: _shown(frame, {})),
+        Condition(
+            "text_only",
+            "none",
+            "prompt alone sufficient?",
+            _text_only,
+        ),
         Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS, asked=_BOTH),
         _moment("lead_near", "lead vehicle near", "does distance decide?"),
         _moment("lead_far", "lead vehicle far", "does distance decide?"),
@@ -273,11 +346,12 @@ TABLE: dict[str, Condition] = {
             )
         ),
         Condition(
-            "frozen",
-            "first picture of the drive",
+            FROZEN,
+            "first picture of the drive, or of the instants shown",
             "is the current picture used?",
-            _drawn("frozen"),
+            _frozen,
             frozenset({"drive"}),
+            asked=_BOTH,
         ),
     )
 }
@@ -285,15 +359,20 @@ TABLE: dict[str, Condition] = {
 
 
 def _corrupted(what: Corruption, step: int, make: Callable[..., Stimulus] = _real) -> Callable[..., Stimulus]:
-    """Return the maker of pictures at a step of a corruption; ``make`` is that of the pictures."""
+    """Return the maker of pictures at a step of a corruption; ``make`` is that of the pictures.
+
+    Each camera has one draw for all instants, as dirt on a lens has.
+    """
 
     def corrupted(frame: Frame, source: Source, seed: int) -> Stimulus:
-        made = make(frame, source, seed)
-        seen = {
-            name: encode(what.applied(decode(picture, f"{name} of frame '{frame.id}'"), step, key_seed(seed, name)))
-            for name, picture in made.images.items()
-        }
-        return replace(made, images=seen)
+        def seen(one: Stimulus) -> Stimulus:
+            images = {
+                name: encode(what.applied(decode(picture, f"{name} of frame '{frame.id}'"), step, key_seed(seed, name)))
+                for name, picture in one.images.items()
+            }
+            return replace(one, images=images, past=tuple(map(seen, one.past)))
+
+        return seen(make(frame, source, seed))
 
     return corrupted
 
@@ -353,12 +432,18 @@ COUNTERFACTUALS: tuple[str, ...] = tuple(
 """Pictures of the same moment with one change, if the simulator can draw them."""
 
 OF_BANKS: tuple[str, ...] = tuple(name for name, condition in CONDITIONS.items() if "drive" not in condition.needs)
-"""The conditions that a bank may supply; a battery uses all of them but the controls."""
+"""The conditions that a bank of single instants may supply; a battery uses all of them but the
+controls."""
 
 OF_WORLDS: tuple[str, ...] = tuple(
     name for name, condition in CONDITIONS.items() if condition.needs <= {"axis", "partner", "drive"}
 )
 """The conditions of a driven world: pictures of the moment, of other worlds, or of the start."""
+
+
+def of_bank(bank: FrameBank) -> tuple[str, ...]:
+    """Return the conditions that a bank may supply: with earlier instants, also `FROZEN`."""
+    return (*OF_BANKS, FROZEN) if bank.manifest.history else OF_BANKS
 
 
 def partner(frame: Frame, source: Source, seed: int, condition: str) -> Frame:
@@ -425,17 +510,20 @@ def sources(name: str, frame: Frame, source: Source, run_seed: int) -> tuple[str
     """Return the bank's files behind a condition's pictures of a frame; none if it shows none."""
     base, over, camera = name.partition(OVER)
     over = "" if step_of(camera) else over
-    row, files = _row(name), frame.pictures
+    row, many = _row(name), [one.pictures for one in frame.window]
+    own = [file for files in many for file in files.values()] if over else []
     if row.over == "channel":
-        files = partner_of(frame, source, base, camera).pictures
+        many = [one.pictures for one in partner_of(frame, source, base, camera).window]
     elif base == "text_only":
-        files = {}
+        many = []
+    elif base == FROZEN:
+        many = many[:1]
     elif "counterfactual" in row.needs:
         files = frame.counterfactuals[base if base in frame.counterfactuals else row.drawn or base]
-        files = {camera: files[camera]} if over else files
+        many = [{camera: files[camera]} if over else files]
     elif row.needs & {"partner", "stranger"}:
-        files = partner(frame, source, seed_of(name, frame, run_seed), base).pictures
-    return tuple(dict.fromkeys((*(frame.pictures.values() if over else ()), *files.values())))
+        many = [one.pictures for one in partner(frame, source, seed_of(name, frame, run_seed), base).window]
+    return tuple(dict.fromkeys((*own, *(file for files in many for file in files.values()))))
 
 
 def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
@@ -444,12 +532,13 @@ def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
     It differs in the prompt's fields, and is of the same scenario if possible. Raises BankError if
     all frames of the bank have the same text.
     """
-    told = [frame.fields[field] for field in source.said]
-    others = [other for other in source.frames if [other.fields[field] for field in source.said] != told]
-    near = [other for other in others if other.scenario == frame.scenario] or others
-    if not near:
+    frames, same = source.alike(frame)
+    if len(frames) == len(same):
+        told = [*frame.stated(source.said)]
         raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {told}")
-    return near[int(np.random.default_rng(seed).integers(len(near)))]
+    place = int(np.random.default_rng(seed).integers(len(frames) - len(same)))
+    before = bisect_right(range(len(same)), place, key=lambda skipped: same[skipped] - skipped)
+    return frames[place + before]
 
 
 def find_condition(name: str, who: str = "model") -> Condition:
@@ -524,14 +613,19 @@ def _over(whole: Condition, camera: str) -> Condition:
     if whole.over == "channel":
         return replace(whole, name=name, image=f"{camera}: {whole.image}", make=partial(whole.make, camera))
 
-    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
-        made, images = whole.make(frame, source, seed), {**source.images(frame)}
+    def merged(frame: Frame, source: Source, made: Stimulus) -> Stimulus:
+        images = {**source.images(frame)}
         require_picture(camera, frame, images)
         if camera in made.images:
             images[camera] = made.images[camera]
         else:
             del images[camera]
         return replace(made, images=images)
+
+    def make(frame: Frame, source: Source, seed: int) -> Stimulus:
+        made = whole.make(frame, source, seed)
+        past = tuple(merged(own, source, one) for own, one in zip(frame.past, made.past, strict=True))
+        return replace(merged(frame, source, made), past=past)
 
     return replace(whole, name=name, image=f"{whole.image}, over {camera}", make=make)
 
@@ -558,9 +652,18 @@ def is_available(name: str, frame: Frame, source: Source | None = None) -> bool:
     row = _row(name)
     if row.over == "channel":
         return source is not None and partner_place(frame, source, base, what) != NOBODY
+    if base == FROZEN:
+        return bool(frame.past)
     if row.drawn or "counterfactual" in row.needs:
-        return base in frame.counterfactuals or row.drawn in frame.counterfactuals
+        return not frame.past and (base in frame.counterfactuals or row.drawn in frame.counterfactuals)
     return not ("axis" in row.needs and frame.mirror_axis == "none")
+
+
+def of_one_instant(name: str, bank: FrameBank) -> bool:
+    """Return whether a bank with earlier instants has a condition's pictures, of one instant alone."""
+    row = _row(name)
+    names = {row.name, row.drawn} if "counterfactual" in row.needs or row.drawn else set[str]()
+    return any(frame.past and names & frame.counterfactuals.keys() for frame in bank)
 
 
 SAMPLED, SHARE = (ABSENT, AGAIN), 0.05

@@ -15,7 +15,18 @@ from eyechart.channels import (
     partners,
     whose,
 )
-from eyechart.conditions import CONDITIONS, EXCHANGED, OVER, PARTNERS, TABLE, asked_of, is_available
+from eyechart.conditions import (
+    CONDITIONS,
+    EXCHANGED,
+    FROZEN,
+    ONE_INSTANT,
+    OVER,
+    PARTNERS,
+    TABLE,
+    asked_of,
+    is_available,
+    of_one_instant,
+)
 from eyechart.corruptions import CORRUPTIONS, STEPS
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
@@ -27,7 +38,7 @@ _DRAWN = tuple(one.name for one in asked_of("policy") if "counterfactual" in one
 _PLAIN = {"real", "real_repeat", "nudged", "blank", "noise", "mirrored"}
 COMPUTED = frozenset({"blank", "noise", "mirrored", *_DRAWN})
 """The conditions whose pictures no camera took; a policy may fail on these and on no others."""
-_FURTHER = tuple(one.name for one in asked_of("policy") if one.name not in {*_PLAIN, *_DRAWN, *PARTNERS})
+_FURTHER = tuple(one.name for one in asked_of("policy") if one.name not in {*_PLAIN, *_DRAWN, *PARTNERS, FROZEN})
 
 
 def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, ...], dict[str, str]]:
@@ -45,7 +56,7 @@ def conditions_of(bank: FrameBank, *, reading: bool = True) -> tuple[tuple[str, 
         elif over:
             every.append(f"blank{OVER}{over}")
             every += [f"{EXCHANGED}{OVER}{over}"] if all(EXCHANGED in frame.counterfactuals for frame in bank) else []
-    every += [*(["mirrored"] if reading else []), *_DRAWN, *_FURTHER]
+    every += [*([FROZEN] if bank.manifest.history else []), *(["mirrored"] if reading else []), *_DRAWN, *_FURTHER]
     for name in every:
         if why := _lacking(name, bank):
             left_out[name] = why
@@ -117,6 +128,8 @@ def _lacking(name: str, bank: FrameBank) -> str:
         return "the bank does not say what a reflected motion is"
     if name == "mirrored" and (pair := _unlike_pair(bank)):
         return f"the pictures of {pair}, which exchange places, differ in size"
+    if of_one_instant(base, bank):
+        return ONE_INSTANT
     lacking = sum(not is_available(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"
     return f"{lacking} of {len(bank)} frames have no {what}" if lacking else ""

@@ -7,7 +7,7 @@ them. What an edit may be trusted with is less than what a renderer or a stage g
 from eyechart.edits.annotations import BOXES, Annotations, ObjectBox, Photo, read_annotations
 from eyechart.edits.checks import EditLimits
 from eyechart.edits.controls import PICTURES, Moves
-from eyechart.edits.edit import METHOD, RECORD, TABLE, EditRecord, EditSource, edit_photographs
+from eyechart.edits.edit import METHOD, RECORD, TABLE, EditResult, EditSource, edit_photographs
 from eyechart.edits.formats import ANNOTATION_FORMATS, read_format
 from eyechart.edits.masks import CUTS, usual_cut
 
@@ -21,7 +21,7 @@ __all__ = [
     "TABLE",
     "Annotations",
     "EditLimits",
-    "EditRecord",
+    "EditResult",
     "EditSource",
     "Moves",
     "ObjectBox",

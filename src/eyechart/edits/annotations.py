@@ -25,15 +25,12 @@ or a corner and the size as percent of the picture's."""
 
 SIDES = ("left", "right")
 
-PATCHED = "patched"
-"""The picture in which nothing is moved, and that was edited as much as the others."""
-
 OF_OBJECTS = ("file", "role", "x0", "y0", "x1", "y1", "distance_m", "mask", "truncated", "occluded")
 _NEEDED = ("file", "x0", "y0", "x1", "y1")
 OF_PHOTOS = ("horizon", "vanishing", "beside", "clear_to_m")
 """Columns of the photographs that only an edit reads."""
 
-MADE = frozenset({"gap", PATCHED, *CONTROLS, *COUNTERFACTUALS, *DISTANCES, "lead_near_m", "lead_far_m"})
+MADE = frozenset({"gap", *CONTROLS, *COUNTERFACTUALS, *DISTANCES, "lead_near_m", "lead_far_m"})
 """Columns that an edit makes, so that a table must not have them."""
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eyechart.edits import checks
-from eyechart.edits.annotations import PATCHED, Photo
+from eyechart.edits.annotations import Photo
 from eyechart.edits.checks import USUAL, EditLimits
 from eyechart.edits.fill import Plate, filled
 from eyechart.edits.geometry import Mask, blur_of, scaled
 from eyechart.edits.horizon import Fit
 from eyechart.edits.scene import CopyPlace, EditScene
 from eyechart.errors import SpecError
-from eyechart.frames import EXCHANGE, LEAD, RGB, Draws, Span, exchanged
+from eyechart.frames import EXCHANGE, LEAD, PATCHED, RGB, Draws, Span, exchanged
 from eyechart.seeds import key_seed
 
 DRAWN, OWN_WAY, BESIDE, APART, ABSENT = (

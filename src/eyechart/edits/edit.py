@@ -45,7 +45,7 @@ class Refusal:
 
 
 @dataclass
-class EditRecord:
+class EditResult:
     """What an edit made: counts by picture, refusals, copies by file, masks by kind, and notes.
 
     ``copies`` are the distance, the metres to the left and the scale of every copy of a lead.
@@ -113,7 +113,7 @@ class EditSource:
     finds_leads: bool = False
 
 
-def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Progress | None = None) -> EditRecord:
+def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Progress | None = None) -> EditResult:
     """Write the control pictures of photographs into the new folder ``out``, and return the record.
 
     The folder has the photographs as taken, a folder for each control picture, ``table.csv`` as
@@ -130,7 +130,7 @@ def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Prog
     sights, grounds = sights_of(photos, sizes)
     if source.finds_leads:
         photos = [*with_leads(photos, sights, *_of_way(moves))]
-    record = EditRecord(len(photos), _parameters(source, moves), grounds)
+    record = EditResult(len(photos), _parameters(source, moves), grounds)
     draws = draws_of(moves.seed, moves.span, [one.file for one in photos])
     with whole_folder(out, SourceError) as work:
         work_on = _EditFolder(work, source, moves, record)
@@ -198,7 +198,7 @@ class _EditFolder:
     folder: Path
     source: EditSource
     moves: Moves
-    record: EditRecord
+    record: EditResult
 
     def __post_init__(self) -> None:
         self._sheets = Sheets(self.folder)

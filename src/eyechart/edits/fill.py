@@ -16,7 +16,8 @@ from scipy.sparse.linalg import spsolve
 from eyechart.edits.geometry import Box, Lines, Mask, Planes, box_of, grown, scaled, smoothing
 
 STEP = 1.25
-"""Each try takes the road from nearer by this factor."""
+"""Each try takes the road from nearer by this factor; half steps are for what whole ones miss, as
+close to the own vehicle."""
 
 _MOST_SMOOTHING = 12.0
 _SEEN = 0.98
@@ -117,9 +118,9 @@ def _road(picture: Planes, hole: Mask, seen: Mask, lines: Lines) -> tuple[Planes
     todo[: max(math.ceil(lines.horizon) + 1, 0)] = False
     made, road = picture.copy(), np.zeros_like(hole)
     planes = np.dstack([picture * seen[..., None], seen]).astype(np.float32)
-    for number in range(1, 40):
-        scale = STEP**-number
-        if not todo.any() or smoothing(scale) > _MOST_SMOOTHING:
+    steps = (STEP ** (number - part) for part in (0, 0.5) for number in range(1, 40))
+    for scale in (1 / step for step in steps if smoothing(1 / step) <= _MOST_SMOOTHING):
+        if not todo.any():
             break
         x0, y0, x1, y1 = box_of(todo)
         window = np.s_[y0:y1, x0:x1]

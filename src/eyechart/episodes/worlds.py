@@ -231,6 +231,10 @@ class _Moment:
         others = range(len(self.pool.pictures(self.key.scenario, self.key.seed)))
         return {self.now.scenario: (*(replace(self.now, id=str(other), step=other) for other in others), self.now)}
 
+    def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
+        del frame
+        return (), ()  # a drive states no text of a bank
+
     def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
         if frame.id != self.now.id:
             return {MAIN: self.pool.pictures(self.key.scenario, self.key.seed)[frame.step]}

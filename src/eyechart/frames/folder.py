@@ -39,6 +39,8 @@ from eyechart.spaces.motion import MotionSpace
 
 MOTION = "motion"
 """The column of logged motions, in a bank that declares its motions."""
+PAST = "past"
+"""The column of the instants before a frame, in a bank that declares a history."""
 
 
 _LOCK = ".lock"
@@ -198,7 +200,7 @@ def read_metadata(path: Path, manifest: BankManifest) -> tuple[Frame, ...]:
         lines = text_file(path).read_bytes().splitlines()
     for number, line in enumerate(lines, 1):
         try:
-            frames.append(_frame_from_row(_plain(line.decode()), manifest))
+            frames.append(_frame_with_past(_plain(line.decode()), manifest))
         except BankError as error:
             raise BankError(f"{path}, line {number}: {error}") from error
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -216,6 +218,17 @@ def read_axis(value: Scalar) -> MirrorAxis:
     if value in get_args(MirrorAxis):
         return cast("MirrorAxis", value)
     raise ValueError(f"mirror_axis is {value!r}, not vertical, horizontal or none")
+
+
+def _frame_with_past(row: dict[str, Any], manifest: BankManifest) -> Frame:
+    """Return a frame and the instants before it; raises ValueError for another number of them."""
+    if not manifest.history:
+        return _frame_from_row(row, manifest)
+    instants, place = row.pop(PAST), {name: row[name] for name in ("scenario", "episode")}
+    if not isinstance(instants, list) or len(instants) != manifest.history:
+        raise ValueError(f"'{PAST}' must list {manifest.history} instants before the frame, as the manifest declares")
+    past = tuple(_frame_from_row({**one, **place}, manifest).instant() for one in instants)
+    return replace(_frame_from_row(row, manifest), past=past)
 
 
 def _frame_from_row(row: dict[str, Any], manifest: BankManifest) -> Frame:
@@ -305,7 +318,7 @@ def check(root: Path, files: Collection[str] | None = None) -> list[str]:
     """
     bank = open_unchecked(root)
     manifest, problems = bank.manifest, _geometry_problems(bank)
-    used = [file for frame in bank for file in files_of(frame)]
+    used = [*dict.fromkeys(file for frame in bank for file in files_of(frame))]
     for file in used if files is None else [file for file in used if file in files]:
         try:
             digest = digest_of_sound(read_bounded(root, file), file)
@@ -351,12 +364,27 @@ def declare(root: Path, made: Made) -> Made:
 
 def _misplaced(bank: FrameBank) -> list[str]:
     """Return the first frame with another frame's picture, which a file's digest cannot reveal."""
-    recorded = iter(bank.manifest.images)
+    recorded, where, seen = iter(bank.manifest.images), bank.root / "metadata.jsonl", set[str]()
     for frame in bank:
         for file in files_of(frame):
+            if bank.manifest.history and file in seen:
+                continue
+            seen.add(file)
             own = next(recorded, None)
             if own != file:
-                return [f"{bank.root / 'metadata.jsonl'}: frame '{frame.id}' shows '{file}', the manifest says '{own}'"]
+                return [f"{where}: frame '{frame.id}' shows '{file}', the manifest says '{own}'"]
+    return _unlike_instants(bank) if bank.manifest.history else []
+
+
+def _unlike_instants(bank: FrameBank) -> list[str]:
+    """Return the first frame whose instant has other pictures than the same step elsewhere."""
+    shown, steps = dict[object, object](), dict[object, object]()
+    for frame in bank:
+        for one in frame.window:
+            step, files = (one.drive, one.step), tuple(one.pictures.values())
+            if shown.setdefault(step, files) != files or steps.setdefault(files, step) != step:
+                where = f"{bank.root / 'metadata.jsonl'}: frame '{frame.id}'"
+                return [f"{where} shows {', '.join(files)} at step {one.step}, and another frame does not"]
     return []
 
 
@@ -377,6 +405,7 @@ class BankWriter:
         self._images: dict[str, str] = {}
         self._distances: dict[str, dict[str, float]] = {}
         self._strata: dict[str, Mapping[str, Scalar]] = {}
+        self._files: dict[str, list[str]] = {}
 
     def __enter__(self) -> Self:
         self._work = self._folder.__enter__()
@@ -387,8 +416,9 @@ class BankWriter:
     ) -> None:
         """Add a frame with its encoded pictures by camera, under the files that the frame names.
 
-        Raises BankError with the frame's id if an id or a file is given twice, or a picture is
-        missing or leads out of the bank. It does so too if the truth cannot be read back unchanged.
+        The pictures of its past are those of frames and instants that were added before. Raises
+        BankError with the frame's id if an id or a file is given twice, or a picture is missing or
+        leads out of the bank. It does so too if the truth cannot be read back unchanged.
         """
         if frame.id in self._geometry:
             raise BankError(f"frame '{frame.id}' was added twice")
@@ -399,7 +429,8 @@ class BankWriter:
             )
         truth = rounded_truth({**frame.truth, **frame.fields}, frame.id)
         logged = self._logged(frame)
-        if clash := sorted(name for name in (*truth, *frame.state) if is_reserved(name) or name in logged):
+        own = {*logged, *([PAST] if self._manifest.history else [])}
+        if clash := sorted(name for name in (*truth, *frame.state) if is_reserved(name) or name in own):
             raise BankError(f"frame '{frame.id}': ground truth may not use the reserved names {clash}")
         if frame.counterfactuals.keys() != counterfactuals.keys():
             raise BankError(
@@ -407,24 +438,61 @@ class BankWriter:
                 f"but the pictures given are {sorted(counterfactuals)}"
             )
         self._check_cameras(frame, [pictures, *counterfactuals.values()])
+        past = self._past_of(frame)
         frame = self._put_aside(frame, truth)
         row: dict[str, object] = {
             **to_json_fields(frame, "file_name=file frame_id=id scenario episode step mirror_axis"),
             **truth,
             **plain(frame.state),
             **logged,
+            **past,
         }
         sides = [(frame.pictures, pictures)]
         sides += [(frame.counterfactuals[name], counterfactuals[name]) for name in sorted(counterfactuals)]
         for files, encoded in sides:
             for camera, file in files.items():
                 self._store(file, encoded[camera])
-        first, *others = frame.pictures
-        row |= {f"{name}{FILE_SUFFIX}": frame.pictures[name] for name in others}
+        row |= _other_files(frame)
+        first = next(iter(frame.pictures))
         for name, files in frame.counterfactuals.items():
             row |= {f"{name if one == first else f'{name}@{one}'}{FILE_SUFFIX}": file for one, file in files.items()}
         self._rows[frame.id] = json.dumps(row, ensure_ascii=False)
         self._geometry[frame.id] = frame.geometry()
+        self._files[frame.id] = files_of(frame)
+
+    def add_instant(self, instant: Frame, pictures: Mapping[str, bytes]) -> None:
+        """Add the pictures of an instant that may come before a frame, and is none itself.
+
+        A picture of no frame is left out of the bank. Raises BankError as `add` does.
+        """
+        self._check_cameras(instant, [pictures])
+        for camera, file in instant.pictures.items():
+            self._store(file, pictures[camera])
+
+    def _past_of(self, frame: Frame) -> dict[str, object]:
+        """Return the past's column of a frame's row, empty if the manifest declares no history."""
+        if len(frame.past) != self._manifest.history:
+            raise BankError(
+                f"frame '{frame.id}' has {len(frame.past)} instants before it, but the manifest declares "
+                f"{self._manifest.history}"
+            )
+        for one in frame.past:
+            self._check_cameras(one, [])
+            if one != one.instant() or one.drive != frame.drive or one.fields.keys() != frame.fields.keys():
+                raise BankError(f"frame '{frame.id}': '{one.id}' is no instant of its episode: see Frame.instant")
+            if lacking := [file for file in one.pictures.values() if file not in self._images]:
+                raise BankError(f"frame '{frame.id}': the picture '{lacking[0]}' of its past was not added before it")
+        names = "file_name=file frame_id=id step mirror_axis"
+        rows = [
+            {
+                **to_json_fields(one, names),
+                **rounded_truth(one.fields, one.id),
+                **plain(one.state),
+                **_other_files(one),
+            }
+            for one in frame.past
+        ]
+        return {PAST: rows} if rows else {}
 
     def _put_aside(self, frame: Frame, truth: dict[str, Scalar]) -> Frame:
         """Move distances and strata to the manifest; return the frame with its distances' names."""
@@ -444,12 +512,14 @@ class BankWriter:
         return self._images[file]
 
     def leave_out(self, frame: Frame) -> None:
-        """Remove an added frame and its pictures from the bank."""
-        del self._rows[frame.id], self._geometry[frame.id]
+        """Remove an added frame from the bank, and its pictures unless another frame has them."""
+        del self._rows[frame.id], self._geometry[frame.id], self._files[frame.id]
         self._distances.pop(frame.id, None)
         self._strata.pop(frame.id, None)
-        for file in files_of(frame):
-            del self._images[file]
+
+    def _remove(self, files: Collection[str]) -> None:
+        """Remove pictures that no frame shows."""
+        for file in files:
             path = self._work / file
             path.unlink()
             with suppress(OSError):  # the folder holds other pictures
@@ -501,14 +571,21 @@ class BankWriter:
 
     def _finish(self) -> None:
         controls = replace(self._manifest.controls, distances=self._distances) if self._distances else Controls()
+        images = {file: self._images[file] for files in self._files.values() for file in files}
+        self._remove(self._images.keys() - images.keys())
         manifest = replace(
-            self._manifest, geometry=self._geometry, images=self._images, controls=controls, strata=self._strata
+            self._manifest, geometry=self._geometry, images=images, controls=controls, strata=self._strata
         )
         (self._work / "metadata.jsonl").write_text("".join(row + "\n" for row in self._rows.values()), encoding="utf-8")
         text = json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False)
         (self._work / "manifest.json").write_text(text + "\n", encoding="utf-8")
         open_bank(self._work)
         require_free(self._out)
+
+
+def _other_files(frame: Frame) -> dict[str, object]:
+    """Return the columns of the pictures of all cameras but the first."""
+    return {f"{name}{FILE_SUFFIX}": file for name, file in [*frame.pictures.items()][1:]}
 
 
 def _numbers(distances: Mapping[str, Scalar], frame_id: str) -> dict[str, float]:

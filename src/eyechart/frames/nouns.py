@@ -43,6 +43,8 @@ DISTANCES = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m", "
 """Columns with a vehicle's distance in drawn controls; they describe those pictures, not the
 moment."""
 
+MOST_HISTORY = 50
+"""The most instants before a frame."""
 RESERVED = {"file_name", "frame_id", "scenario", "episode", "step", "mirror_axis"}
 _EXACT = 2**53
 _SMALLEST = 1e-6
@@ -123,7 +125,8 @@ class Frame:
     numbers that a controller may see, such as joint angles. Neither is ground truth. ``motion`` is
     the logged motion from here on, one row a step, and empty without a log; no controller sees it.
     ``placed`` are the columns of ``truth`` with a vehicle's distance in counterfactuals. ``strata``
-    are further groups for a claim next to the scenario, such as the lead's colour.
+    are further groups for a claim next to the scenario, such as the lead's colour. ``past`` holds
+    the instants before it, the oldest first, as `instant` returns them.
     """
 
     id: str
@@ -139,6 +142,7 @@ class Frame:
     motion: tuple[tuple[float, ...], ...] = ()
     placed: frozenset[str] = frozenset()
     strata: Mapping[str, Scalar] = field(default_factory=dict)
+    past: tuple["Frame", ...] = ()
 
     @property
     def file(self) -> str:
@@ -154,6 +158,20 @@ class Frame:
     def drive(self) -> str:
         """Return the episode's unique name; scenarios may use equal names of episodes."""
         return f"{self.scenario}/{self.episode}"
+
+    @property
+    def window(self) -> tuple["Frame", ...]:
+        """Return the instants before it, the oldest first, and itself."""
+        return (*self.past, self)
+
+    def instant(self) -> "Frame":
+        """Return what a controller may see of it; an instant before a frame has nothing else."""
+        seen = (self.id, self.scenario, self.episode, self.step, self.cameras, self.pictures)
+        return Frame(*seen, fields=self.fields, state=self.state)
+
+    def stated(self, names: Sequence[str]) -> tuple[object, ...]:
+        """Return what a prompt's words say of the frame: its columns, and named parts of its state."""
+        return tuple(self.state[name] if name in self.state else self.fields[name] for name in names)
 
     def geometry(self) -> str:
         """Return the digest of the frame's identity and ground truth to 3 decimals.
@@ -171,6 +189,8 @@ class Frame:
             parts.append(["state", {name: [*map(_canonical, self.state[name])] for name in sorted(self.state)}])
         if self.motion:
             parts.append(["motion", [[*map(_canonical, row)] for row in self.motion]])
+        if self.past:
+            parts.append(["past", [one.geometry() for one in self.past]])
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
@@ -195,6 +215,20 @@ class Stimulus:
         """Return the recipe of a copy: a read-only view cannot be pickled."""
         return Stimulus, (dict(self.images), dict(self.fields), dict(self.state), self.past)
 
+    @property
+    def pictures(self) -> tuple[bytes, ...]:
+        """Return the encoded pictures of all its instants, the oldest first."""
+        return tuple(image for one in (*self.past, self) for image in one.images.values())
+
+    def window(self, history: int) -> tuple["Stimulus", ...]:
+        """Return ``history`` instants before it, the oldest first, and itself.
+
+        Raises ValueError if it has fewer.
+        """
+        if not 0 <= history <= len(self.past):
+            raise ValueError(f"{history} instants before it are asked for, and it has {len(self.past)}")
+        return (*self.past[len(self.past) - history :], self)
+
     @classmethod
     def of(cls, image: bytes | None) -> "Stimulus":
         """Return the stimulus of one picture, or of none."""
@@ -215,6 +249,12 @@ class Source(Protocol):
     @property
     def said(self) -> tuple[str, ...]:
         """The prompt columns that the prompt states for a frame."""
+
+    def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
+        """Return frames to take another text from, and the places of those with this frame's text.
+
+        They are those of the frame's scenario, or all where these have one text.
+        """
 
     @property
     def stores_noise(self) -> bool:
@@ -284,11 +324,11 @@ class BankManifest:
     ``cameras`` are those of every frame if there are several, and ``state`` the columns of numbers
     that a controller may see. Older banks have none of these. ``controls`` holds the truth of the
     control pictures. ``motion`` is the space of the logged motions and of a controller's answers,
-    None without motions. ``span`` is the range of drawn distances in the gap's unit, None without
-    them. ``strata`` maps a frame id to its further groups, and ``added`` to the columns of pictures
-    that were added after its row. ``made`` is what was declared of the control pictures, and
-    ``edit`` what the record of their edit says. No digest covers these two: they may be declared
-    after a run.
+    None without motions. ``history`` is the number of instants before each frame. ``span`` is the
+    range of drawn distances in the gap's unit, None without them. ``strata`` maps a frame id to its
+    further groups, and ``added`` to the columns of pictures that were added after its row. ``made``
+    is what was declared of the control pictures, and ``edit`` what the record of their edit says.
+    No digest covers these two: they may be declared after a run.
     """
 
     simulator: str
@@ -307,6 +347,7 @@ class BankManifest:
     state: tuple[str, ...] = ()
     controls: Controls = field(default_factory=Controls)
     motion: MotionSpace | None = None
+    history: int = 0
     span: tuple[float, float] | None = None
     strata: Mapping[str, Mapping[str, Scalar]] = field(default_factory=dict)
     added: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
@@ -315,6 +356,8 @@ class BankManifest:
 
     def __post_init__(self) -> None:
         require_exchanged(self.cameras)
+        if not 0 <= self.history <= MOST_HISTORY:
+            raise BankError(f"a bank holds 0 to {MOST_HISTORY} instants before each frame, not {self.history}")
         if self.made and self.made not in MADE:
             raise BankError(f"control pictures are {', '.join(MADE)}, or it is not said; not '{self.made}'")
         if self.span is not None and not _SMALLEST <= self.span[0] < self.span[1] <= LARGEST:
@@ -349,7 +392,7 @@ class BankManifest:
         }
 
     def _declared(self) -> dict[str, object]:
-        names = ("prompt_columns", "absent", "independent", "cameras", "state", "motion")
+        names = ("prompt_columns", "absent", "independent", "cameras", "state", "motion", "history")
         said = " ".join(name for name in names if getattr(self, name))
         return to_json_fields(self, f"simulator preset picture action_space gap {said} settings versions")
 
@@ -439,6 +482,25 @@ class FrameBank:
             grouped[frame.scenario].append(frame)
         return {name: tuple(frames) for name, frames in grouped.items()}
 
+    def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
+        """Return frames to take another text from, and the places of those with this frame's text.
+
+        They are those of the frame's scenario, or all where these have one text.
+        """
+        text = frame.stated(self.said)
+        near, same = self.scenarios[frame.scenario], self._by_text[frame.scenario].get(text, [])
+        return (near, same) if len(same) < len(near) else (self.frames, self._by_text[None].get(text, []))
+
+    @cached_property
+    def _by_text(self) -> Mapping[str | None, Mapping[tuple[object, ...], list[int]]]:
+        """Return the places of each text among a scenario's frames, and among all under None."""
+        found: dict[str | None, dict[tuple[object, ...], list[int]]] = {}
+        for group, frames in ((None, self.frames), *self.scenarios.items()):
+            texts = found[group] = {}
+            for place, frame in enumerate(frames):
+                texts.setdefault(frame.stated(self.said), []).append(place)
+        return found
+
     @property
     def name(self) -> str:
         """Return the bank's short name: its preset and the head of its fingerprint."""
@@ -446,6 +508,10 @@ class FrameBank:
 
 
 def files_of(frame: Frame) -> list[str]:
-    """Return a frame's files in the order in which a manifest lists them."""
+    """Return a frame's files in the order in which a manifest lists them.
+
+    Those of earlier instants are last; frames of one episode may share them.
+    """
     drawn = (frame.counterfactuals[name] for name in sorted(frame.counterfactuals))
-    return [file for files in (frame.pictures, *drawn) for file in files.values()]
+    past = (one.pictures for one in frame.past)
+    return [file for files in (frame.pictures, *drawn, *past) for file in files.values()]

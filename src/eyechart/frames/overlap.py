@@ -59,7 +59,7 @@ def same_moments(manifest: BankManifest, other: BankManifest) -> tuple[str, ...]
 
 def _unlike(frame: Frame, other: Frame) -> tuple[str, ...]:
     """Return the names of the parts that differ between two frames."""
-    parts = ("scenario", "episode", "step", "cameras", "fields", "state", "motion")
+    parts = ("scenario", "episode", "step", "cameras", "fields", "state", "motion", "past")
     found = [name for name in parts if getattr(frame, name) != getattr(other, name)]
     names = sorted(frame.truth.keys() | other.truth.keys())
     return (*found, *(name for name in names if frame.truth.get(name, "") != other.truth.get(name, "")))

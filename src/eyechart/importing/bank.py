@@ -16,10 +16,11 @@ from typing import TypeVar
 import numpy as np
 
 from eyechart.conditions import NUDGES, is_nudged
-from eyechart.errors import SourceError, counted, finite_number, whole_number
+from eyechart.errors import SourceError, SpecError, counted, finite_number, whole_number
 from eyechart.frames import (
     DISTANCES,
     IMPORTED,
+    MOST_HISTORY,
     PATCHED,
     BankManifest,
     BankWriter,
@@ -61,6 +62,7 @@ from eyechart.importing.parquet import MOST_ROWS
 from eyechart.importing.photographs import Convert, Photographs
 from eyechart.importing.repeats import REPEATS, repeats
 from eyechart.importing.tables import SourceTable, open_table
+from eyechart.importing.windows import NumberedRow, RowsBefore, Windows
 from eyechart.records import plain
 from eyechart.spaces.discrete import DRIVING, Discrete
 
@@ -102,7 +104,8 @@ class Choices:
     column such as ``gap_m`` implies its unit. ``independent`` declares frames without episodes as
     independent draws. ``prompt_columns`` are columns that a prompt may state, and ``strata``
     further groups for a claim next to the scenario. Every ``every``-th frame of an episode is
-    taken. ``convert`` makes pictures plain; without it, pictures that are not plain are refused.
+    taken. A frame has the ``history`` rows before it, each a step after the last; rows without them
+    become no frames. ``convert`` makes pictures plain; without it, pictures that are not plain are refused.
     With ``keep_repeats``, a recording that occurs twice is imported twice. ``numerals`` declares
     how numbers are written and which mean "nothing ahead". ``strip`` is the prefix of another
     machine's paths. ``made`` declares how control pictures were made, and ``edit`` is the record of
@@ -120,6 +123,7 @@ class Choices:
     strata: tuple[str, ...] = ()
     independent: bool = False
     every: int = 1
+    history: int = 0
     rig: reading.SensorLayout | None = None
     convert: Convert | None = None
     keep_repeats: bool = False
@@ -131,6 +135,9 @@ class Choices:
 
     def __post_init__(self) -> None:
         whole_number("every", self.every, 1)
+        whole_number("history", self.history, 0)
+        if self.history > MOST_HISTORY:
+            raise SpecError(f"--history takes 0 to {MOST_HISTORY} instants before a frame, not {self.history}")
         if self.threshold is not None:
             finite_number("threshold", self.threshold)
 
@@ -151,7 +158,11 @@ class ImportSource:
 
 @dataclass(frozen=True)
 class BankRows:
-    """The rows that become frames, with their numbers, the columns of places, and faults."""
+    """The rows that become frames, with their numbers, the columns of places, and faults.
+
+    With a history there are also the rows of the instants before frames. ``windows`` then has the
+    numbers of those rows, the oldest first, by the number of each frame's row.
+    """
 
     rows: list[Row]
     numbers: list[int]
@@ -159,6 +170,28 @@ class BankRows:
     table: SourceTable
     faults: Faults
     log: MotionLog | None = None
+    windows: Mapping[int, tuple[int, ...]] | None = None
+    said: Sequence[str] = ()
+
+    def is_frame(self, place: int) -> bool:
+        """Return whether the row at a place becomes a frame, and is not just before one."""
+        return self.windows is None or self.numbers[place] in self.windows
+
+    @property
+    def framed(self) -> list[Row]:
+        """Return the rows that become frames."""
+        return [row for place, row in enumerate(self.rows) if self.is_frame(place)]
+
+    def with_windows(self, past: RowsBefore) -> "BankRows":
+        """Return the rows in the table's order, with those before each frame."""
+        order = sorted(range(len(self.numbers)), key=self.numbers.__getitem__)
+        return replace(
+            self,
+            rows=[self.rows[place] for place in order],
+            numbers=[self.numbers[place] for place in order],
+            windows=past.windows,
+            said=tuple(past.said()),
+        )
 
     def named(self) -> Iterator[tuple[Row, str]]:
         """Yield the rows with their names for messages."""
@@ -348,34 +381,52 @@ def keep(table: SourceTable, choices: Choices) -> BankRows:
     own = (*(["gap"] if choices.threshold is None else []), *(["episode"] if choices.independent else []))
     places = reading.places(asked, table, faults, rig=choices.rig, kept=kept, own=own)
     _check_choices(choices, places, table, faults)
-    rows: list[Row] = []
-    numbers: list[int] = []
-    seen: dict[object, int] = {}
-    text, log = 0, _log(choices, places, table, faults)
+    past = RowsBefore(choices.history, places, table.name, faults) if choices.history else None
+    log = _log(choices, places, table, faults)
     if table.count is not None:
         _check_count(table, table.count, -(-table.count // choices.every))
-    words = _wordy(choices, places)
-    for number, found in enumerate(_whole(table), 1):
-        if not found:
-            continue
-        row, where = found, f"{table.name}, row {number}"
-        with faults.noted():
-            row = choices.numerals.row(found, words, where)
-        episode = row.get(places.get("episode", ""))
-        turn = seen[episode] = seen.get(episode, -1) + 1
-        if log is not None:
-            log.add(row, number, places, kept=turn % choices.every == 0)
-        if turn % choices.every:
-            continue
+    rows: list[Row] = []
+    numbers: list[int] = []
+    text = 0
+    for number, row in _chosen(table, choices, places, log, past):
+        where = f"{table.name}, row {number}"
         rows.append(_with_gap(row, where, choices, places, faults))
         numbers.append(number)
         text += _letters(row, where, faults)
         _check_count(table, number, len(rows))
         if text > MOST_TEXT:
             raise SourceError(f"{table.name} holds more than {MOST_TEXT} characters; take every Nth row with --every N")
+    if past is not None:
+        past.require_some()
     if not rows and not faults:
         faults.add(f"{table.name} has no rows; each row is a frame")
-    return BankRows(rows, numbers, places, table, faults, log)
+    result = BankRows(rows, numbers, places, table, faults, log)
+    return result if past is None else result.with_windows(past)
+
+
+def _chosen(
+    table: SourceTable, choices: Choices, places: Mapping[str, str], log: MotionLog | None, past: RowsBefore | None
+) -> Iterator[NumberedRow]:
+    """Yield every ``every``-th row of an episode, after the rows before it; all go into the log.
+
+    With a history only rows that have their window count.
+    """
+    words, seen = _wordy(choices, places), dict[object, int]()
+    for number, found in enumerate(_whole(table), 1):
+        if not found:
+            continue
+        row = found
+        with table.faults.noted():
+            row = choices.numerals.row(found, words, f"{table.name}, row {number}")
+        episode = row.get(places.get("episode", ""))
+        window = [] if past is None else past.window(row, number)
+        turn = seen[episode] = seen.get(episode, -1) + (window is not None)
+        chosen = window is not None and turn % choices.every == 0
+        if log is not None:
+            log.add(row, number, places, kept=chosen)
+        if chosen:
+            before = [] if past is None or window is None else past.take(window, number)
+            yield from (*before, (number, row))
 
 
 def _wordy(choices: Choices, places: Mapping[str, str]) -> set[str]:
@@ -591,7 +642,10 @@ def _check_taken(kept: BankRows, changed: Mapping[str, Mapping[str, list[str]]])
 
 
 def frames_of(kept: BankRows, choices: Choices, cells: Cells) -> list[Frame]:
-    """Return the frames of the cells, without opening pictures; raises SourceError for a fault."""
+    """Return a frame of every row, without opening pictures; raises SourceError for a fault.
+
+    With a history these are also the instants before frames, in the order of the rows.
+    """
     kept.faults.require_none(kept.table.name)
     scenarios, episodes, steps = cells.placed
     cameras = alone(choices.mirror) if choices.rig is None else choices.rig.cameras
@@ -614,10 +668,10 @@ def frames_of(kept: BankRows, choices: Choices, cells: Cells) -> list[Frame]:
             },
             fields={name: column[place] for name, column in cells.said.items()},
             state={name: column[place] for name, column in cells.state.items()},
-            motion=motion,
+            motion=next(motions, ()) if kept.is_frame(place) else (),
             strata={name: cells.truth[name][place] for name in choices.strata},
         )
-        for (place, file), motion in zip(enumerate(next(iter(cells.pictures.values()))), motions, strict=False)
+        for place, file in enumerate(next(iter(cells.pictures.values())))
     ]
 
 
@@ -791,21 +845,31 @@ def write(
         cameras=() if choices.rig is None else choices.rig.cameras,
         state=() if choices.rig is None else tuple(choices.rig.state),
         motion=None if choices.rig is None else choices.rig.space,
+        history=choices.history,
         made=choices.made,
         edit={} if choices.edit is None else choices.edit.summary(),
     )
     with BankWriter(out, manifest) as writer:
         added = []
+        windows = None if kept.windows is None else Windows(frames, kept.numbers, kept.windows)
         for number, (frame, images, drawn) in enumerate(source.pictures(frames), 1):
-            writer.add(frame, images, drawn)
-            added.append(frame)
+            whole = frame if windows is None else windows.whole(frame)
+            if whole is None:
+                writer.add_instant(frame, images)
+            else:
+                writer.add(whole, images, drawn)
+                added.append(whole)
             if progress is not None:
                 progress(number, len(frames))
+        said = [*kept.said, *source.said]
+        if windows is not None:
+            windows.require_some(added)
+            said += windows.said()
         _take_once(writer, added, manifest.gap, keep=choices.keep_repeats)
         if source.converted:
             writer.note("converted", dict(sorted(source.converted.items())))
-        if source.said:
-            writer.note(SAID, [*source.said])
+        if said:
+            writer.note(SAID, said)
     return open_bank(out)
 
 

@@ -192,7 +192,7 @@ def import_lerobot(
         chosen = replace(chosen, rig=rig)
         data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
     data.said.extend(data.timeline.said())
-    source = ImportSource(folder, partial(_pictures, data, kept.numbers), settings, said=data.said)
+    source = ImportSource(folder, partial(_pictures, data, kept), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
 
 
@@ -527,10 +527,10 @@ def _require_words(kept: BankRows, data: Dataset) -> None:
 
 def _wordless(kept: BankRows, data: Dataset) -> list[str]:
     """Return a note of the frames whose tasks have no words, if no prompt needs them."""
-    lacking = [str(row.get(data.task)) for row in kept.rows if not row.get(TASK)]
+    lacking = [str(row.get(data.task)) for row in kept.framed if not row.get(TASK)]
     if not lacking:
         return []
-    said, which = f"{len(lacking)} of {len(kept.rows)} frames have no words of their task", [*dict.fromkeys(lacking)]
+    said, which = f"{len(lacking)} of {len(kept.framed)} frames have no words of their task", [*dict.fromkeys(lacking)]
     return [f"{said}: {data.layout.TASKS} has none of {', '.join(which[:20])}"]
 
 
@@ -618,12 +618,14 @@ def _words(data: Dataset, row: Row) -> str:
     return data.tasks.get(whole(row[data.task]) or 0, "")
 
 
-def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> Iterator[FramePictures]:
-    """Yield each frame with its cameras' pictures; ``rows`` are the numbers of their rows.
+def _pictures(data: Dataset, kept: BankRows, frames: Sequence[Frame]) -> Iterator[FramePictures]:
+    """Yield the frame of each row that is kept, with its cameras' pictures.
 
     A frame without a camera's picture is left out and noted.
     """
-    reels, missed = [reel.pictures(frames, rows) for reel in data.reels.values()], dict[str, list[MissingPicture]]()
+    what = "frames" if kept.windows is None else "instants"
+    reels = [reel.pictures(frames, kept.numbers) for reel in data.reels.values()]
+    missed: dict[str, list[MissingPicture]] = {}
     for frame, *pictures in zip(frames, *reels, strict=True):
         shown = {}
         for camera, picture in zip(frame.cameras, pictures, strict=True):
@@ -634,7 +636,7 @@ def _pictures(data: Dataset, rows: Sequence[int], frames: Sequence[Frame]) -> It
         if len(shown) == len(pictures):
             yield frame, shown, {}
     for name, many in missed.items():
-        said = f"{len(many)} of {len(frames)} frames are left out: '{name}' has no picture of them ({many[0].why})"
+        said = f"{len(many)} of {len(frames)} {what} are left out: '{name}' has no picture of them ({many[0].why})"
         if len(many) == len(frames):
             raise SourceError(said)
         data.said.append(said)

@@ -17,7 +17,7 @@ from eyechart.looks.models import ModelLook
 from eyechart.looks.pictures import BANK, Pictures
 from eyechart.looks.policies import PolicyLook, steps_of
 from eyechart.looks.request import Bill, LookRequest, Watch, folder_name
-from eyechart.models import ADAPTERS, POLICIES, open_model, open_policy
+from eyechart.models import ADAPTERS, POLICIES, history_of, open_model, open_policy, states
 
 __all__ = [
     "EXIT_CODES",
@@ -59,13 +59,17 @@ def spec_of(given: str) -> str:
 
 
 def is_policy(spec: str, pictures: Pictures) -> bool:
-    """Return whether a SPEC names a policy; a callable is one if the pictures have motions."""
+    """Return whether a SPEC names a policy; a callable is one if the pictures have motions.
+
+    A model that answers in words is one too, unless the pictures have distances to brake for.
+    """
     adapter = spec.partition(":")[0]
     if adapter not in POLICIES or adapter not in ADAPTERS:
         return adapter in POLICIES
     if pictures.frames is not None:
-        return open_bank(pictures.frames).manifest.motion is not None
-    return pictures.dataset is not None
+        manifest = open_bank(pictures.frames).manifest
+        return manifest.motion is not None and not (states(spec) and manifest.gap is not None)
+    return pictures.dataset is not None and not (states(spec) and pictures.threshold is not None)
 
 
 def look(wanted: LookRequest, watch: Watch) -> Look:
@@ -74,14 +78,17 @@ def look(wanted: LookRequest, watch: Watch) -> Look:
     Raises SpecError if it cannot be asked or the cost was not agreed to. The steps raise BankError,
     SourceError and LedgerError.
     """
-    acts = is_policy(wanted.spec, wanted.pictures)
-    if acts:
-        wanted = replace(wanted, held=wanted.held or open_policy(wanted.spec))
+    acts, history = is_policy(wanted.spec, wanted.pictures), 0
+    if acts and states(wanted.spec):
+        open_policy(wanted.mode)  # reports what is wrong with it before a bank is made
+    elif acts:
+        held = wanted.held or open_policy(wanted.spec)
+        wanted, history = replace(wanted, held=held), history_of(held.model.facts)
     elif wanted.held is None:
         open_model(wanted.spec, wanted.mode)  # reports what is wrong with it before a bank is made
     brought = wanted.pictures.are_brought and not (wanted.out / BANK).exists()
     with watch.bar("frames", "frames") as move:
-        bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None)
+        bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None, history)
     if brought:
         watch.say(*taken(open_bank(bank)))
     kind = PolicyLook if acts else ModelLook

@@ -16,7 +16,7 @@ from eyechart.looks.answer import Look, NextStep, PictureResult
 from eyechart.looks.pictures import BANK
 from eyechart.looks.reach import SMALL, affordable, fewest
 from eyechart.looks.request import Bill, LookRequest, Watch, write_report
-from eyechart.looks.sight_checks import MODE, MOST_CALLS, SightChecks, SightFailure
+from eyechart.looks.sight_checks import MODE, MOST_CALLS, SightChecks, SightFailure, unseen
 from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
@@ -60,7 +60,7 @@ class ModelLook:
         if known is None:
             found = self._sights.find(wanted.mode, planned.sample())
             if isinstance(found, SightFailure):
-                return self._unseen(found)
+                return unseen(wanted, found)
             self.watch.say(f"it sees its pictures, and is asked as {wanted.out / MODE} says")
             planned = self._plan(found, planned.manifest.limit)
             self._agree(planned, 0)
@@ -116,18 +116,6 @@ class ModelLook:
         before = Usage(calls=_asked_before(planned.manifest.mode(self.wanted.spec)))
         allowed = RunAllowance(self._prices, max_calls=self.wanted.budget, before=before)
         return planned.make(allowed, self.watch.bar)
-
-    def _unseen(self, found: SightFailure) -> Look:
-        wanted = self.wanted
-        said = "; ".join(found.causes)
-        because = f"No call about the frames was made, because it was not shown to see: {found.because}."
-        address = ("--base-url", wanted.mode.base_url) if wanted.mode.base_url else ()
-        steps = (
-            NextStep("see each question and its reply", shlex.join(["eyechart", "doctor", wanted.spec, *address])),
-            NextStep("look again after the repair", wanted.command()),
-        )
-        causes = (f"Likely cause: {said}.",) if said else ()
-        return Look(wanted.spec, "Inconclusive", because, causes, "unseen", next=steps, calls=found.spent.calls)
 
     def _answered(self, outcome: RunOutcome, *, asked: bool) -> Look:
         """Return the answer of the run, and write its page."""

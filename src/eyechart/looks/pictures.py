@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from eyechart.errors import SourceError, SpecError, finite_number, raising
@@ -67,25 +67,26 @@ class Pictures:
         """Return whether a bank is imported, so that the import's notes are printed."""
         return self.photos is not None or self.dataset is not None
 
-    def bank(self, out: Path, move: Progress, steps: int | None = None) -> Path:
+    def bank(self, out: Path, move: Progress, steps: int | None = None, history: int = 0) -> Path:
         """Return the bank's path: the given one, or the look's own, which is made once.
 
-        ``steps`` is the length of a policy's motions; ``move`` gets the progress. Raises SpecError
-        if the folder holds a bank of other pictures, and what the import or the build raises.
+        ``steps`` is the length of a policy's motions, and ``history`` the number of instants before
+        a data set's frames that it needs. ``move`` gets the progress. Raises SpecError if the
+        folder holds a bank of other pictures, and what the import or the build raises.
         """
         if self.frames is not None:
             return self.frames
         place = out / BANK
         if place.exists():
-            self._require_same(out, steps)
+            self._require_same(out, steps, history)
             return place
         out.mkdir(parents=True, exist_ok=True)
-        self._make(place, move, steps)
-        said = {"format": FORMAT, "frames": self._said(steps)}
+        self._make(place, move, steps, history)
+        said = {"format": FORMAT, "frames": self._said(steps, history)}
         (out / RECORD).write_text(json.dumps(said, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         return place
 
-    def _make(self, place: Path, move: Progress, steps: int | None) -> None:
+    def _make(self, place: Path, move: Progress, steps: int | None, history: int) -> None:
         choices = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, convert=Convert())
         if self.photos is not None and self.table is not None:
             FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
@@ -94,7 +95,7 @@ class Pictures:
                 length or 0 for length in read_dataset(self.dataset, None, every=True).episodes.lengths.values()
             )
             ahead, every = None if steps is None else Horizon(steps, rotations=None), max(1, frames // TAKEN)
-            own = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, every=every)
+            own = replace(choices, every=every, history=history, convert=None)
             with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
                 FORMATS["lerobot"].importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
         elif steps is None:
@@ -102,7 +103,7 @@ class Pictures:
         else:
             open_bank_simulator(TABLE).build(place, seeds=SEEDS, steps=TABLE_STEPS, progress=move)
 
-    def _said(self, steps: int | None) -> dict[str, object]:
+    def _said(self, steps: int | None, history: int) -> dict[str, object]:
         """Return in plain values what the folder's bank is made from."""
         table = None if self.table is None else hashlib.sha256(self.table.read_bytes()).hexdigest()
         places = {"photos": self.photos, "dataset": self.dataset}
@@ -114,6 +115,7 @@ class Pictures:
             "threshold": self.threshold,
             "unit": self.unit,
             "steps": steps if self.dataset is not None else None,
+            **({"history": history} if history and self.dataset is not None else {}),
         }
 
     def made_with(self, out: Path) -> int | None:
@@ -132,8 +134,8 @@ class Pictures:
             raise SpecError(f"{record} does not say what the bank is made from; give another --out")
         return frames
 
-    def _require_same(self, out: Path, steps: int | None) -> None:
-        before, now = self._record(out), self._said(steps)
+    def _require_same(self, out: Path, steps: int | None, history: int) -> None:
+        before, now = self._record(out), self._said(steps, history)
         if other := [name for name in now.keys() | before.keys() if before.get(name) != now.get(name)]:
             raise SpecError(
                 f"{out} holds a bank of other pictures ({', '.join(sorted(other))}): give the same options as "

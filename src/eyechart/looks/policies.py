@@ -7,22 +7,26 @@ from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from eyechart.channels import CAMERAS
+from eyechart.channels import CAMERAS, InputShapes
 from eyechart.costs import assumed, estimate
 from eyechart.formats import FORMATS
 from eyechart.frames import open_bank
 from eyechart.importing.bank import Choices
 from eyechart.importing.lerobot import Horizon
 from eyechart.ledger import Ledger
-from eyechart.limits import RunOutcome
+from eyechart.limits import RunOutcome, Usage
 from eyechart.looks.answer import Look, NextStep, PictureResult
 from eyechart.looks.reach import affordable
 from eyechart.looks.request import Bill, LookRequest, Watch, write_report
+from eyechart.looks.sight_checks import MOST_CALLS as OF_SIGHT
+from eyechart.looks.sight_checks import SightChecks, SightFailure, unseen
 from eyechart.manifest import LEDGER, is_run, read_manifest
-from eyechart.models import OpenedModel, open_policy
+from eyechart.models import OpenedModel, history_of, open_policy, states
 from eyechart.models.prices import read_prices
+from eyechart.modes import RequestMode
 from eyechart.planned_run import RunAllowance
 from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, examine_policy
+from eyechart.prompts import stated_steps
 from eyechart.run import spread
 from eyechart.spaces.motion import Motion
 from eyechart.studies import policy
@@ -36,6 +40,8 @@ from eyechart.verdicts.policy_verdict import MISFIT, PolicyVerdict
 _SELDOM = 1_000_000
 """For a trial, one frame is taken per this many frames of an episode: its first one."""
 MOTION_AXES = 2
+AT_ONCE = 8
+"""Concurrent calls of a model that answers in words; other policies are called one at a time."""
 
 SHOWN = {
     f"T.swapped@{CAMERAS}": "another episode's pictures",
@@ -52,13 +58,18 @@ def steps_of(wanted: LookRequest) -> int:
     """
     if wanted.pictures.dataset is None:
         return 1
+    if states(wanted.spec):
+        return stated_steps(wanted.prompt)
     if (before := wanted.pictures.made_with(wanted.out)) is not None:
         return before
+    held = wanted.held or open_policy(wanted.spec)
+    if (shapes := InputShapes.of(held.model.facts)) is not None:
+        return shapes.steps
     with TemporaryDirectory() as folder:
         bank, run = Path(folder) / "bank", Path(folder) / "run"
-        a_few = {"choices": Choices(every=_SELDOM), "ahead": Horizon(1, "delta", rotations=None)}
+        few = Choices(every=_SELDOM, history=history_of(held.model.facts))
+        a_few = {"choices": few, "ahead": Horizon(1, "delta", rotations=None)}
         FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
-        held = wanted.held or open_policy(wanted.spec)
         policy.run(policy.plan(bank, [held], run, extent=PolicySelection(1), conditions=("real",)))
         with Ledger(run / LEDGER) as ledger:
             ((_, reply),) = ledger.replies(wanted.spec)
@@ -78,21 +89,53 @@ class PolicyLook:
     watch: Watch
 
     def look(self) -> Look:
-        """Test the policy, ask it, and return the answer."""
+        """Test the policy, ask it, and return the answer; a served model is first shown to see."""
+        wanted, known = self.wanted, self._known()
         planned = self._sized()
         calls, finished, _ = planned.counts()
-        begun = is_run(self.wanted.run)
-        mode, basis = assumed(self._opened.mode)
-        expected = estimate(mode, calls - finished + MOST_CALLS * (not begun), read_prices(), concurrency=1)
-        self.watch.agree(Bill(self._opened.mode, expected, basis))
+        begun = is_run(wanted.run)
+        self._agree(planned, calls - finished, OF_SIGHT + MOST_CALLS if known is None else MOST_CALLS * (not begun))
+        if known is None:
+            found = self._sights.find(wanted.mode, planned.sample())
+            if isinstance(found, SightFailure):
+                return unseen(wanted, found)
+            return replace(self, wanted=replace(wanted, mode=found, held=open_policy(found))).look()
         if not begun and (amiss := self._amiss()) is not None:
             return amiss
-        outcome = planned.make(RunAllowance(read_prices(), max_calls=self.wanted.budget, concurrency=1), self.watch.bar)
+        before = Usage(calls=self._probed_in)
+        at_once = AT_ONCE if states(wanted.spec) else 1
+        allowed = RunAllowance(read_prices(), max_calls=wanted.budget, concurrency=at_once, before=before)
+        outcome = planned.make(allowed, self.watch.bar)
         return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
+
+    def _known(self) -> RequestMode | None:
+        """Return the mode that the policy is asked in; None if it must be found first."""
+        wanted = self.wanted
+        if wanted.held is not None:
+            return wanted.held.mode
+        return wanted.mode if wanted.by_file else self._sights.known(wanted.mode)
+
+    @cached_property
+    def _sights(self) -> SightChecks:
+        return SightChecks(self.wanted.out, read_prices(), self.watch.bar)
 
     @cached_property
     def _opened(self) -> OpenedModel:
-        return self.wanted.held or open_policy(self.wanted.spec)
+        return self.wanted.held or open_policy(self._known() or self.wanted.mode)
+
+    @property
+    def _probed_in(self) -> int:
+        """Return the number of calls that found the request mode."""
+        found = self._opened.mode.measured
+        return 0 if found is None else found.calls or 0
+
+    def _agree(self, planned: PolicyRun, left: int, more: int) -> None:
+        """Get consent to the most that will be paid, with ``more`` calls before the run."""
+        mode, basis = assumed(self._opened.mode)
+        spec = self.wanted.spec
+        left += planned.more_by_model()[spec] if states(spec) else 0
+        expected = estimate(mode, left + more, read_prices(), concurrency=1)
+        self.watch.agree(Bill(self._opened.mode, expected, basis))
 
     def _sized(self) -> PolicyRun:
         """Return the plan on all frames, or on as many as the budget allows a sampling policy."""
@@ -104,7 +147,8 @@ class PolicyLook:
             self.watch.say(*wanted.begun(len(planned.plan.frames), frames))
         if is_run(wanted.run) or wanted.budget is None:
             return planned
-        some = affordable(frames, partial(_most, planned), wanted.budget - MOST_CALLS)
+        before = MOST_CALLS + (OF_SIGHT if self._known() is None else self._probed_in)
+        some = affordable(frames, partial(_most, planned), wanted.budget - before)
         if some == frames:
             return planned
         self.watch.say(
@@ -114,21 +158,30 @@ class PolicyLook:
 
     def _plan(self, limit: int | None) -> PolicyRun:
         wanted = self.wanted
-        return policy.plan(self.bank, [self._opened], wanted.run, seed=wanted.seed, extent=PolicySelection(limit))
+        extent = PolicySelection(limit)
+        return policy.plan(self.bank, [self._opened], wanted.run, seed=wanted.seed, extent=extent, prompt=wanted.prompt)
 
     def _amiss(self) -> Look | None:
         """Return an early answer if no motion comes back; print every other fault."""
         with self.watch.bar("doctor", "calls") as move:
-            diagnosis = examine_policy(self._opened, open_bank(self.bank), tell=lambda at: move(at, MOST_CALLS))
+            bank, prompt = open_bank(self.bank), self.wanted.prompt
+            diagnosis = examine_policy(self._opened, bank, prompt=prompt, tell=lambda at: move(at, MOST_CALLS))
         wrong = [finding for finding in diagnosis.findings if finding.fine is False]
         self.watch.say(*(f"wrong: {finding.name}: {finding.says}" for finding in wrong))
         without = next((finding for finding in wrong if finding.name == "motions"), None)
         return None if without is None else self._unasked(diagnosis, without.says)
 
+    def doctor(self) -> str:
+        """Return the command that tests the policy on the bank."""
+        wanted = self.wanted
+        address = "" if wanted.file is not None else wanted.mode.base_url
+        given = {"--base-url": address, "--frames": str(self.bank), "--prompt": wanted.prompt}
+        words = [word for option, value in given.items() if value for word in (option, value)]
+        return shlex.join(["eyechart", "doctor", str(wanted.file or wanted.spec), *words])
+
     def _unasked(self, found: PolicyDiagnosis, why: str) -> Look:
         wanted = self.wanted
-        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(self.bank)])
-        steps = (NextStep("see every check", doctor), NextStep("look again after the repair", wanted.command()))
+        steps = (NextStep("see every check", self.doctor()), NextStep("look again after the repair", wanted.command()))
         because = f"It does not answer as a policy on this bank: {why}."
         return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
 
@@ -200,6 +253,5 @@ def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, l
         settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
         yield NextStep(f"to settle it: {settle.do}", plan)
     else:
-        doctor = shlex.join(["eyechart", "doctor", wanted.spec, "--frames", str(asked.bank)])
-        yield NextStep("see whether its pictures reach it", doctor)
+        yield NextStep("see whether its pictures reach it", asked.doctor())
     yield NextStep("what it does with its state and its instruction", f"eyechart verdict {run}")

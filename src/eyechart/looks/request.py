@@ -118,7 +118,7 @@ class Bill:
     @property
     def is_own(self) -> bool:
         """Return whether the model runs on the user's own machine, so that it costs nothing."""
-        own = self.mode.spec.partition(":")[0] in (*OWN_MACHINE, "python", "trained")
+        own = self.mode.spec.partition(":")[0] in (*OWN_MACHINE, "python", "trained", "lerobot")
         return own or bool(self.mode.base_url and is_loopback(self.mode.base_url))
 
     @property

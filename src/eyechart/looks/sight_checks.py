@@ -2,6 +2,7 @@
 
 import json
 import secrets
+import shlex
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 from eyechart.destination import whole
 from eyechart.errors import LedgerError, raising
 from eyechart.limits import NOTHING, Usage
+from eyechart.looks.answer import Look, NextStep
+from eyechart.looks.request import LookRequest
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode, read_mode, write_mode
 from eyechart.planned_run import Bar
@@ -86,3 +89,16 @@ class SightChecks:
             write_mode(partly, pinned)
         (self.out / SPENT).unlink()  # the mode records it from here on
         return pinned
+
+
+def unseen(wanted: LookRequest, found: SightFailure) -> Look:
+    """Return the answer about a model that is not asked, with its likely causes."""
+    said = "; ".join(found.causes)
+    because = f"No call about the frames was made, because it was not shown to see: {found.because}."
+    address = ("--base-url", wanted.mode.base_url) if wanted.mode.base_url else ()
+    steps = (
+        NextStep("see each question and its reply", shlex.join(["eyechart", "doctor", wanted.spec, *address])),
+        NextStep("look again after the repair", wanted.command()),
+    )
+    causes = (f"Likely cause: {said}.",) if said else ()
+    return Look(wanted.spec, "Inconclusive", because, causes, "unseen", next=steps, calls=found.spent.calls)

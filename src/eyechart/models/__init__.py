@@ -22,7 +22,8 @@ class Model(Protocol):
     """The door to a model.
 
     ``version`` identifies it: a verdict holds for one version, and a run is not resumed with
-    another. ``facts`` are known without a call (digest, quantisation, template, revision).
+    another. ``facts`` are known without a call (digest, quantisation, template, revision). The fact
+    `HISTORY` is the number of instants before a frame that it needs.
     """
 
     version: str
@@ -70,9 +71,17 @@ LOCAL = ("hf", "ollama")
 WEIGHTS_GB, MEMORY_GB = "weights_gb", "memory_gb"
 """Facts of a model, in 10^9 bytes: the size of its weights, and the memory that they load into."""
 
+STATING = ("openai", "ollama", "hf")
+"""Adapters of models whose answers are words; as policies they state a motion's numbers."""
+
+HISTORY = "history"
+"""The fact of a model that sees instants before a frame: how many, without the frame itself."""
+
 POLICIES: dict[str, str] = {
     "python": "eyechart.models.policy_callable",
     "trained": "eyechart.models.trained",
+    "lerobot": "eyechart.models.lerobot",
+    **{name: ADAPTERS[name] for name in STATING},
 }
 """The module of each adapter of policies; a policy is a model that answers with a motion."""
 
@@ -96,12 +105,29 @@ def open_model(spec: str, mode: RequestMode | None = None, *, answering: str = "
     return model
 
 
-def open_policy(policy: str | OpenedModel, timeout_s: float | None = None) -> OpenedModel:
-    """Open the policy of a SPEC with a time limit in seconds; return an open one unchanged."""
+def open_policy(policy: str | RequestMode | OpenedModel, timeout_s: float | None = None) -> OpenedModel:
+    """Open the policy of a SPEC with a time limit in seconds, or of a mode; return an open one.
+
+    Raises SpecError for an unknown one, or a mode that a policy without words cannot be asked in.
+    """
     if isinstance(policy, OpenedModel):
         return policy
-    mode = policy_mode(policy, timeout_s)
-    return OpenedModel(mode, open_model(policy, mode, answering="policy"))
+    mode = policy if isinstance(policy, RequestMode) else policy_mode(policy, timeout_s)
+    usual = policy_mode(mode.spec, mode.timeout_s)
+    if not states(mode.spec) and mode != usual:
+        names = [one.name for one in fields(mode) if getattr(mode, one.name) != getattr(usual, one.name)]
+        raise SpecError(f"{', '.join(names)} would not change '{mode.spec}', which is called here: leave it out")
+    return OpenedModel(mode, open_model(mode.spec, mode, answering="policy"))
+
+
+def states(spec: str) -> bool:
+    """Return whether the policy of a SPEC states its motions in words, and needs a prompt."""
+    return spec.partition(":")[0] in STATING
+
+
+def history_of(facts: Mapping[str, str]) -> int:
+    """Return how many instants before a frame a model with these facts needs; 0 without the fact."""
+    return int(facts.get(HISTORY, "0"))
 
 
 def policy_mode(spec: str, timeout_s: float | None = None) -> RequestMode:

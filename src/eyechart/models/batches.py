@@ -68,12 +68,13 @@ class Batches:
         kept = [(query, reply) for query, reply in batch if not reply.done()]
         try:
             replies = await self._replies([query for query, _ in kept])
+            answered = list(zip(kept, replies, strict=True))
         except Exception as error:  # noqa: BLE001 - each query that waits gets it
             for _, waiting in kept:
                 if not waiting.done():
                     waiting.set_exception(error)
             return
-        for (_, waiting), reply in zip(kept, replies, strict=True):
+        for (_, waiting), reply in answered:
             if not waiting.done():
                 waiting.set_result(reply)
 

@@ -4,13 +4,18 @@ The callable takes ``(images, state, instruction)``. ``images`` is a dict of uin
 by camera, ``state`` a float array of all its numbers, and ``instruction`` a text or None. It
 returns an array (horizon, dimensions), or a dict with no other array than that one, as ``actions``
 or ``action``. ``python:MODULE:OBJECT.METHOD`` names a method. Calls are independent: the callable
-must answer each as at the beginning of an episode, without a memory of earlier calls. Attributes,
-with their defaults:
+must answer each as at the beginning of an episode, without a memory of earlier calls.
+
+With ``history`` N above 0, it gets N instants before the frame too, from a bank that holds them.
+Each picture then has the shape (N + 1, h, w, 3) and the state (N + 1, d), with the oldest first and
+the frame last. LeRobot's ``n_obs_steps`` counts the frame: it is N + 1.
+
+Attributes, with their defaults:
 ``seedable`` (False): it also takes ``seed=``, and equal seeds give equal answers. ``version`` (the
 start of a digest of its files). ``channels`` (all): the names of the inputs that it reads.
 ``reset`` (none): called before every call. ``step`` (none): its training step, which orders
 checkpoints. ``batch`` (none): it takes lists of up to so many images, states and instructions, with
-``seed`` a list too, and returns a list of as many arrays, or an array of them.
+``seed`` a list too, and returns a list of as many arrays, or an array of them. ``history`` (0): see above.
 """
 
 from collections import defaultdict
@@ -21,21 +26,24 @@ from inspect import iscoroutinefunction, signature
 from threading import Lock, Thread
 
 import numpy as np
-import numpy.typing as npt
 
 from eyechart.calls import Query, Reply
+from eyechart.channels import flat_state
 from eyechart.errors import SpecError
-from eyechart.frames import pixels_of
+from eyechart.frames import RGB, Stimulus, pixels_of
+from eyechart.models import HISTORY, history_of
 from eyechart.models.batches import SIZES, Batches, in_time, is_size
 from eyechart.models.python_callable import (
+    HISTORIES,
     identity_of,
     import_callable,
     in_thread,
+    is_history,
     made_of_class,
     name_of,
 )
 from eyechart.modes import RequestMode
-from eyechart.spaces.motion import Motion
+from eyechart.spaces.motion import Floats, Motion
 
 Act = Callable[..., object]
 
@@ -48,6 +56,7 @@ DECLARED: Mapping[str, object] = {
     "channels": None,
     "reset": None,
     "step": None,
+    HISTORY: 0,
     "batch": None,
 }
 """The attributes that a callable may declare, with their defaults."""
@@ -58,6 +67,7 @@ _MAY_BE: Mapping[str, str] = {
     "channels": "a list of texts, as ['cameras', 'state']: of cameras (all of them), camera:NAME, state, instruction",
     "reset": "a function that takes nothing",
     "step": "a whole number from 0 on",
+    HISTORY: HISTORIES,
     "batch": SIZES,
 }
 """The allowed values of each attribute, in words."""
@@ -68,7 +78,7 @@ class PolicyCallable:
     """A policy as a model; each call of a ``guest`` runs in a thread of its own.
 
     A call waits while another one holds ``alone``. ``facts`` hold what the callable declares:
-    ``seedable``, ``channels``, ``step`` and ``batch``.
+    ``seedable``, ``channels``, ``step``, ``batch`` and ``history``.
     """
 
     act: Act
@@ -77,6 +87,7 @@ class PolicyCallable:
     timeout_s: float
     seedable: bool = False
     reset: Callable[[], object] | None = None
+    history: int = 0
     guest: bool = True
     left: set[Thread] = field(default_factory=set)
     alone: Lock = field(default_factory=Lock)
@@ -100,7 +111,7 @@ class PolicyCallable:
 
     def _call(self, queries: Sequence[Query]) -> Sequence[Motion | Exception]:
         """Return the answers. Inputs and answers are copies: no call changes those of another."""
-        given = [_given(query) for query in queries]
+        given = [(*arrays_of(query.stimulus, self.history), query.user or None) for query in queries]
         seeds = [query.seed for query in queries]
         with self.alone:  # a call after its time limit may still run
             if self.reset is not None:
@@ -115,12 +126,16 @@ class PolicyCallable:
         """Do nothing: there is nothing to release."""
 
 
-def _given(query: Query) -> tuple[Mapping[str, npt.NDArray[np.uint8]], npt.NDArray[np.float64], str | None]:
-    """Return what a callable takes of a query: pictures, state and instruction."""
-    seen = query.stimulus
-    images = {name: pixels_of(image, name) for name, image in seen.images.items()}
-    state = np.array([number for numbers in seen.state.values() for number in numbers], np.float64)
-    return images, state, query.user or None
+def arrays_of(seen: Stimulus, history: int = 0) -> tuple[dict[str, RGB], Floats]:
+    """Return pictures by camera, shape (h, w, 3), uint8, and all numbers of the state, shape (d,).
+
+    With ``history`` above 0 both have a first axis of ``history + 1`` instants, the oldest first.
+    Raises ValueError if there are fewer, or if a camera's pictures differ in size.
+    """
+    window = seen.window(history)
+    images = {name: np.stack([pixels_of(one.images[name], name) for one in window]) for name in seen.images}
+    state = np.array([flat_state(one.state) for one in window], np.float64)
+    return (images, state) if history else ({name: many[0] for name, many in images.items()}, state[0])
 
 
 def open_model(name: str, mode: RequestMode) -> PolicyCallable:
@@ -145,13 +160,14 @@ def hold(act: Act, mode: RequestMode) -> PolicyCallable:
 def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str]) -> PolicyCallable:
     """Return a policy with its declared attributes; ``found`` is the default version."""
     own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
-    seedable, version, channels, reset, step, batch = (own[what] for what in DECLARED)
+    seedable, version, channels, reset, step, history, batch = (own[what] for what in DECLARED)
     wrong = {
         "seedable": not isinstance(seedable, bool),
         "version": not isinstance(version, str),
         "channels": not (channels is None or (isinstance(channels, list | tuple) and all(map(_is_word, channels)))),
         "reset": not (reset is None or callable(reset)),
         "step": not (step is None or (isinstance(step, int) and not isinstance(step, bool) and step >= 0)),
+        HISTORY: not is_history(history),
         "batch": not is_size(batch),
     }
     if amiss := [what for what, bad in wrong.items() if bad]:
@@ -163,6 +179,8 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         facts["channels"] = ", ".join(channels)
     if step is not None:
         facts["step"] = str(step)
+    if isinstance(history, int) and history:
+        facts[HISTORY] = str(history)
     if isinstance(batch, int):
         facts["batch"] = str(batch)
     return PolicyCallable(
@@ -172,6 +190,7 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         mode.timeout_s,
         seedable=bool(seedable),
         reset=reset if callable(reset) else None,
+        history=history_of(facts),
         batch=batch if isinstance(batch, int) else None,
     )
 

@@ -60,13 +60,17 @@ class Prices:
 
         The cost of a failure without tokens is unknown, not 0.
         """
-        if reply.cost_usd is not None:
-            return reply.cost_usd, "reported"
-        price = self.of(mode)
-        if price is not None and not price.date:
-            return 0.0, "own machine"
-        known = None if price is None else price.of(reply)
-        return known, "unknown" if known is None else "priced"
+        return cost_at(self.of(mode), reply)
+
+
+def cost_at(price: Price | None, reply: Reply) -> tuple[float | None, str]:
+    """Return what `Prices.cost` does, at the price of the reply's model."""
+    if reply.cost_usd is not None:
+        return reply.cost_usd, "reported"
+    if price is not None and not price.date:
+        return 0.0, "own machine"
+    known = None if price is None else price.of(reply)
+    return known, "unknown" if known is None else "priced"
 
 
 _MOST = 1e6

@@ -7,6 +7,10 @@ gets every turn of the prompt. It may be asynchronous; else it runs in threads,
 in parallel. No call begins while 16 calls past their time limit still run. With an attribute
 ``batch = N`` it takes lists of up to N prompts, pictures (and states, and messages), and returns a
 list of as many answers.
+
+A callable of (prompt, images, state) that declares ``history`` N also gets the N instants before
+the frame, from a bank that holds them. Each picture and each state is then a list of N + 1, with
+the oldest first and the frame last.
 """
 
 import asyncio
@@ -20,15 +24,16 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, MethodType
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError, raising
+from eyechart.frames import MOST_HISTORY
 from eyechart.messages import Turn
-from eyechart.models import require_options
+from eyechart.models import HISTORY, require_options
 from eyechart.models.batches import SIZES, Batches, NotCalledError, in_time, is_size
 from eyechart.models.energy import metered
 from eyechart.models.sources import facts_of, version_of
@@ -36,7 +41,7 @@ from eyechart.modes import RequestMode, without_secrets
 
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
 
-DECLARED: Mapping[str, None] = {"batch": None}
+DECLARED: Mapping[str, object] = {"batch": None, HISTORY: 0}
 """The attributes that a callable may declare, with their defaults."""
 
 Ask = Callable[..., object]
@@ -49,6 +54,9 @@ _FIRST: WeakKeyDictionary[object, str] = WeakKeyDictionary()
 
 _CALL = "eyechart-call"
 """The name of the threads that call callables."""
+
+HISTORIES = f"a whole number from 0 to {MOST_HISTORY}, of instants before the frame: LeRobot's n_obs_steps less 1"
+"""The allowed values of ``history``, in words."""
 
 LEFT_AT_MOST = 16
 """The most calls past their time limit that may still run; with so many, no call begins."""
@@ -64,6 +72,7 @@ class PythonCallable:
     facts: Mapping[str, str]
     whole: bool = False
     """Whether it takes all pictures and the state, instead of one picture."""
+    history: int = 0
     left: set[threading.Thread] = field(default_factory=set)
     batch: int | None = None
     batches: Batches = field(init=False)
@@ -107,6 +116,10 @@ class PythonCallable:
             raise TypeError(
                 "the prompt has several messages or pictures: let it take them, as (prompt, image, *, messages)"
             )
+        if self.whole and self.history:
+            window, seen = query.stimulus.window(self.history), query.stimulus
+            pictures = {name: [one.images[name] for one in window] for name in seen.images}
+            return pictures, {name: [one.state[name] for one in window] for name in seen.state}
         if self.whole:
             return dict(query.stimulus.images), dict(query.stimulus.state)
         if len(query.images) > 1:
@@ -197,14 +210,25 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
 
 
 def _opened(ask: Ask, mode: RequestMode, version: str, facts: Mapping[str, str], name: str) -> PythonCallable:
-    """Return a callable as a model, with its declared size of batches."""
-    (batch,) = (getattr(ask, what, usual) for what, usual in DECLARED.items())
+    """Return a callable as a model, with its declared size of batches and its history."""
+    batch, history = (getattr(ask, what, usual) for what, usual in DECLARED.items())
+    whole = _takes_all(ask, name)
     if not is_size(batch):
         raise SpecError(f"'{mode.spec}' declares batch = {batch!r}; it must be {SIZES}")
     if batch is not None and mode.options.get("energy"):
         raise SpecError(f"'{mode.spec}' declares batch, and energy is measured call by call: leave out one of the two")
+    if not is_history(history):
+        raise SpecError(f"'{mode.spec}' declares history = {history!r}; it must be {HISTORIES}")
+    if history and not whole:
+        raise SpecError(f"'{mode.spec}' declares history = {history}: let it take (prompt, images, state)")
     more = {} if batch is None else {"batch": str(batch)}
-    return PythonCallable(ask, mode, version, {**facts, **more}, _takes_all(ask, name), batch=batch)
+    more |= {HISTORY: str(history)} if history else {}
+    return PythonCallable(ask, mode, version, {**facts, **more}, whole, history, batch=batch)
+
+
+def is_history(value: object) -> TypeGuard[int]:
+    """Return whether a value may be declared as ``history``."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_HISTORY
 
 
 def identity_of(ask: Ask) -> tuple[str, dict[str, str]]:

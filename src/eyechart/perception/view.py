@@ -304,7 +304,7 @@ def through(view: View | None, stimulus: Stimulus, name: str = "picture") -> Sti
     if view is None:
         return stimulus
     shown = {camera: encode(view.show(decode(image, name), name)) for camera, image in stimulus.images.items()}
-    return replace(stimulus, images=shown)
+    return replace(stimulus, images=shown, past=tuple(through(view, one, name) for one in stimulus.past))
 
 
 def scene_of(pixels: RGB) -> RGB:

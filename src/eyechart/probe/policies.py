@@ -12,23 +12,26 @@ from eyechart.calls import Query, Reply
 from eyechart.channels import (
     CAMERA,
     CAMERAS,
+    INSTRUCTION,
+    STATE,
     flat_state,
-    instruction_column,
     logs,
     reads,
     relative,
     relative_log,
-    require_channels,
+    require_history,
+    require_inputs,
     told,
 )
-from eyechart.conditions import show
+from eyechart.conditions import mixed, show
 from eyechart.errors import BankError
 from eyechart.event_loops import in_own_loop
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
-from eyechart.models import Model, OpenedModel, ask, open_policy
+from eyechart.models import Model, OpenedModel, ask, history_of, open_policy, states
 from eyechart.models.policy_callable import PolicyCallable
-from eyechart.prompts import Prompt, policy_prompt
-from eyechart.spaces.motion import Floats, Motion, MotionSpace
+from eyechart.modes import RequestMode
+from eyechart.prompts import Prompt, motion_prompt, says
+from eyechart.spaces.motion import Floats, Motion, MotionSpace, require_motions
 from eyechart.spaces.space import Decision
 from eyechart.stats.total_effect import ROUNDING
 
@@ -96,25 +99,29 @@ class PolicyDiagnosis:
 
 
 def examine_policy(
-    policy: str | OpenedModel,
+    policy: str | RequestMode | OpenedModel,
     bank: FrameBank,
     *,
     timeout_s: float | None = None,
+    prompt: str | None = None,
     tell: Callable[[int], None] = lambda _: None,
 ) -> PolicyDiagnosis:
     """Call a policy with a few frames of a bank, and return what is amiss.
 
-    ``policy`` is a SPEC or an open policy. ``tell`` gets the number of each call before it. Three
-    equal failures in a row end the calls. Raises SpecError for an unknown policy, or for a channel
-    that the bank lacks, and BankError for a bank without motions, or with only one episode.
+    ``policy`` is a SPEC, a request mode or an open policy. ``prompt`` is a TOML file for a model that
+    states its motions in words. ``tell`` gets the number of each call before it. Three equal
+    failures in a row end the calls. Raises SpecError for an unknown policy, or for a channel that
+    the bank lacks, and BankError for a bank without motions, or with only one episode.
     """
     opened = open_policy(policy, timeout_s)
     spec, model = opened.mode.spec, opened.model
-    space = bank.manifest.motion
-    if space is None:
+    if bank.manifest.motion is None:
         raise BankError(f"the bank {bank.root} declares no motion, so no answer can be compared with it")
-    require_channels(spec, declared := _declared(model), bank)
-    calls = _ProbeCalls(model, _ProbeFrames(bank, space), tell)
+    formulation = motion_prompt(bank, prompt, in_words=states(spec))
+    declared = (CAMERAS, *sorted(says(formulation, bank))) if states(spec) else _declared(model)
+    require_inputs(spec, model.facts, bank)
+    require_history(spec, history_of(model.facts), bank)
+    calls = _ProbeCalls(model, _ProbeFrames(bank, formulation), tell)
     return in_own_loop(_examine(spec, calls, declared))
 
 
@@ -139,9 +146,9 @@ def _spread(frames: Sequence[Frame]) -> tuple[Frame, ...]:
 class _ProbeFrames:
     """The frames of the calls: a first one, one of another episode, and further ones."""
 
-    def __init__(self, bank: FrameBank, space: MotionSpace) -> None:
-        self.bank, self.space = bank, space
-        self.prompt: Prompt = policy_prompt(space, instruction_column(bank))
+    def __init__(self, bank: FrameBank, prompt: Prompt) -> None:
+        self.bank, self.prompt = bank, prompt
+        self.space: MotionSpace = require_motions(prompt.space)
         self.first = bank.frames[0]
         others = [frame for frame in bank if frame.drive != self.first.drive]
         if not others:
@@ -166,8 +173,8 @@ class _ProbeFrames:
         return next((one for one in (self.other, *others) if seen(one) != seen(self.first)), None)
 
     def of(self, frame: Frame) -> Stimulus:
-        """Return a frame as a stimulus: pictures, fields and state."""
-        return Stimulus(self.bank.images(frame), frame.fields, frame.state)
+        """Return a frame as a stimulus: pictures, fields and state, and the instants before it."""
+        return show("real", frame, self.bank, 0)
 
     @property
     def pair(self) -> tuple[Frame, ...]:
@@ -179,18 +186,8 @@ class _ProbeFrames:
     def forms(self, frame: Frame) -> dict[str, Stimulus]:
         """Return a frame with its pictures in wrong forms, by the name of the likely mistake."""
         seen = self.of(frame)
-        pixels = {name: decode(image, name) for name, image in seen.images.items()}
-        names = list(pixels)
-        made = {
-            "red and blue exchanged": {name: pixel[..., ::-1] for name, pixel in pixels.items()},
-            "turned by half": {name: pixel[::-1, ::-1] for name, pixel in pixels.items()},
-            "the cameras exchanged": dict(zip(names, (pixels[name] for name in (*names[1:], names[0])), strict=True)),
-        }
-        return {
-            what: replace(seen, images={name: encode(np.ascontiguousarray(one)) for name, one in many.items()})
-            for what, many in made.items()
-            if len(names) > 1 or what != "the cameras exchanged"
-        }
+        past = [_forms(one) for one in seen.past]
+        return {what: replace(one, past=tuple(many[what] for many in past)) for what, one in _forms(seen).items()}
 
     def logged(self, frames: Sequence[Frame], answers: Floats | None = None) -> Floats:
         """Return the logged motions of frames, or ``answers`` instead, relative to their states."""
@@ -217,18 +214,17 @@ class _ProbeFrames:
 
     def changed(self) -> Iterator[tuple[str, Stimulus]]:
         """Yield the first frame with one change: a channel of another frame, or a grey picture."""
-        mine, theirs = self.of(self.first), self.of(self.other)
-        cameras = list(mine.images)
+        mine, theirs, cameras = self.first, self.other, list(self.first.pictures)
         if (other := self.other_by(cameras)) is not None:
-            yield CAMERAS, replace(mine, images=self.bank.images(other))
-        yield "grey", show("blank", self.first, self.bank, 0)
+            yield CAMERAS, mixed(mine, other, CAMERAS, self.bank)
+        yield "grey", show("blank", mine, self.bank, 0)
         if mine.state and mine.state != theirs.state:
-            yield "state", replace(mine, state=theirs.state)
+            yield STATE, mixed(mine, theirs, STATE, self.bank)
         if mine.fields and told(mine.fields) != told(theirs.fields):
-            yield "instruction", replace(mine, fields=theirs.fields)
+            yield INSTRUCTION, mixed(mine, theirs, INSTRUCTION, self.bank)
         for name in cameras if len(cameras) > 1 else ():
             if (other := self.other_by([name])) is not None:
-                yield f"camera:{name}", replace(mine, images={**mine.images, name: self.bank.images(other)[name]})
+                yield f"{CAMERA}{name}", mixed(mine, other, f"{CAMERA}{name}", self.bank)
 
     def alike(self) -> Iterator[str]:
         """Yield the channels of cameras with the same pictures in every other episode."""
@@ -246,6 +242,22 @@ class _ProbeFrames:
         pixels = {name: decode(image, name) for name, image in self.bank.images(self.first).items()}
         pictures = ", ".join(f"{name}: {pixel.shape} {pixel.dtype}" for name, pixel in pixels.items())
         return f"the pictures {pictures}; {numbers}; {told}"
+
+
+def _forms(seen: Stimulus) -> dict[str, Stimulus]:
+    """Return an instant with its pictures in wrong forms, by the name of the likely mistake."""
+    pixels = {name: decode(image, name) for name, image in seen.images.items()}
+    names = list(pixels)
+    made = {
+        "red and blue exchanged": {name: pixel[..., ::-1] for name, pixel in pixels.items()},
+        "turned by half": {name: pixel[::-1, ::-1] for name, pixel in pixels.items()},
+        "the cameras exchanged": dict(zip(names, (pixels[name] for name in (*names[1:], names[0])), strict=True)),
+    }
+    return {
+        what: replace(seen, images={name: encode(np.ascontiguousarray(one)) for name, one in many.items()})
+        for what, many in made.items()
+        if len(names) > 1 or what != "the cameras exchanged"
+    }
 
 
 _UNASKED: Decision[Motion] = Decision(None, "error")
@@ -507,11 +519,12 @@ def _varies(asked: _ProbeFrames, order: list[Decision[Motion]], further: Mapping
 def _with_history(check: PolicyCheck, model: Model) -> PolicyCheck:
     """Return the check of constant answers; inconclusive where ``model`` may need earlier instants.
 
-    A policy that declares reset keeps something between calls. It begins each call without that.
+    A policy that declares reset, and no history, keeps something between calls. It begins each call
+    without that.
     """
-    if check.fine is not False or not isinstance(model, PolicyCallable) or model.reset is None:
+    if check.fine is not False or not isinstance(model, PolicyCallable) or model.reset is None or model.history:
         return check
-    said = "It declares reset, and each call gives it one instant: a policy with a history cannot be asked yet"
+    said = "It declares reset, and each call gives it one instant: if it needs earlier ones, let it declare history"
     return replace(check, fine=None, says=f"{check.says.partition(':')[0]}. {said}")
 
 

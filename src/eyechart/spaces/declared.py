@@ -12,9 +12,9 @@ from itertools import product
 
 from eyechart.errors import SpecError, counted, raising
 from eyechart.spaces.discrete import Discrete
-from eyechart.spaces.fields import AnswerField, Value, candidates_of, read_answer_fields, read_fields
+from eyechart.spaces.fields import AnswerField, Value, candidates_of, read_answer_fields, read_declared
 from eyechart.spaces.reader import READERS
-from eyechart.spaces.space import Answer, Decision, refuses, unparsed, why_unanswered, without_thinking
+from eyechart.spaces.space import Answer, Decision, unparsed
 
 _ACTIONS_AT_MOST = 1000
 _READINGS_KEPT = 1000
@@ -126,7 +126,7 @@ class AnswerSpace(Discrete):
             names = allowed.get(field.name, ())
             of = {**field.schema(), **({"enum": list(names)} if names else {})}
             in_words = field.kind == "name" and field.pattern is None
-            _place(result, (field.key or ("action" if in_words else field.name)).split("."), of)
+            place(result, (field.key or ("action" if in_words else field.name)).split("."), of)
         return result
 
     def read(self, reply: Answer) -> Decision[str]:
@@ -266,7 +266,7 @@ def _worded(field: AnswerField, value: Value) -> str:
     return f"{field.name}{plain}" if plain[:1] in "<>" else f"{field.name}={plain}"
 
 
-def _place(into: dict[str, object], path: Sequence[str], of: Mapping[str, object]) -> None:
+def place(into: dict[str, object], path: Sequence[str], of: Mapping[str, object]) -> None:
     """Put a field's schema at its path into the schema of an object."""
     if not into:
         into |= {"type": "object", "properties": {}, "required": [], "additionalProperties": False}
@@ -278,7 +278,7 @@ def _place(into: dict[str, object], path: Sequence[str], of: Mapping[str, object
     if len(path) == 1:
         properties[path[0]] = dict(of)
     else:
-        _place(properties.setdefault(path[0], {}), path[1:], of)
+        place(properties.setdefault(path[0], {}), path[1:], of)
 
 
 @lru_cache(maxsize=4096)
@@ -301,17 +301,11 @@ def _in_words(space: AnswerSpace, field: AnswerField) -> AnswerField:
 
 @lru_cache(maxsize=_READINGS_KEPT)
 def _read_declared(space: AnswerSpace, text: str, finish_reason: str | None, error: str | None) -> Decision[str]:
-    if (missing := why_unanswered(finish_reason, error)) is not None:
-        return Decision(None, missing)
-    visible = without_thinking(text).strip()
-    if not visible:
-        return Decision(None, "empty")
-    found = read_fields(visible, [_in_words(space, field) for field in space.fields])
-    if found.values is None:
-        if found.why == "refused" or (found.why == "no_answer" and refuses(visible)):
-            return Decision(None, "refused")
-        return unparsed(found.why or "no_answer")
-    allowed, values = dict(space.candidates), list(found.values)
+    fields = [_in_words(space, field) for field in space.fields]
+    found = read_declared(text, finish_reason, error, fields)
+    if found.action is None:
+        return Decision(None, found.missing, found.why)
+    allowed, values = dict(space.candidates), list(found.action)
     for at, field in enumerate(space.fields):
         if field.name in allowed:
             names = {name.casefold(): name for name in allowed[field.name]}

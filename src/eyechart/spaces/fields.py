@@ -17,7 +17,17 @@ from eyechart.records import LARGEST, Name, build, parse_json, to_json_fields
 from eyechart.spaces.failures import says_failed, says_no_picture
 from eyechart.spaces.linear_pattern import LinearPattern, TooLongText
 from eyechart.spaces.reader import READER, ActionNames, read_by, spelled
-from eyechart.spaces.space import READ_AT_MOST, UNPARSED, json_objects, too_deep
+from eyechart.spaces.space import (
+    READ_AT_MOST,
+    UNPARSED,
+    Decision,
+    json_objects,
+    refuses,
+    too_deep,
+    unparsed,
+    why_unanswered,
+    without_thinking,
+)
 
 FieldKind = Literal["name", "number", "vector"]
 
@@ -83,7 +93,8 @@ class AnswerField:
     either the whole reply is the value, in words. ``values`` are the names of a name, or the ranges
     of a number (``"< 2"``, ``"2..8"``), of which the first that holds counts. ``from_column`` is the
     prompt column with the names that a frame allows. ``unit`` may follow a number, and no other
-    may. ``size`` counts the numbers of a vector. ``brake``, ``proceed`` and ``mirror_pairs`` are
+    may. ``size`` counts the numbers of a vector, ``width`` those of each of its rows, where it must
+    have rows. ``brake``, ``proceed`` and ``mirror_pairs`` are
     those of named actions, in terms of ``values``. Raises SpecError for a contradiction.
     """
 
@@ -95,6 +106,7 @@ class AnswerField:
     values: tuple[Name, ...] = ()
     from_column: Name | None = None
     size: int | None = None
+    width: int | None = None
     brake: tuple[Name, ...] = ()
     proceed: tuple[Name, ...] = ()
     mirror_pairs: tuple[tuple[Name, Name], ...] = ()
@@ -129,10 +141,12 @@ class AnswerField:
         if self.kind == "vector":
             if self.size is None or not 1 <= self.size <= _SIZE_AT_MOST:
                 raise SpecError(f"{self._said}: a vector needs its size, from 1 to {_SIZE_AT_MOST}; write size = 6")
+            if self.width is not None and (self.width < 1 or self.size % self.width):
+                raise SpecError(f"{self._said}: {self.size} numbers make no rows of {self.width}; write width = 2")
             if self.values or self.from_column or self.unit:
                 raise SpecError(f"{self._said}: a vector has a size, and no values, from_column or unit")
-        elif self.size is not None:
-            raise SpecError(f"{self._said}: only a vector has a size, not a {self.kind}")
+        elif self.size is not None or self.width is not None:
+            raise SpecError(f"{self._said}: only a vector has a size and a width, not a {self.kind}")
         elif self.kind == "number":
             self._require_ranges()
         else:
@@ -197,7 +211,11 @@ class AnswerField:
     def schema(self) -> dict[str, object]:
         """Return the JSON schema of the field's value."""
         if self.kind == "vector":
-            return {"type": "array", "items": {"type": "number"}, "minItems": self.size, "maxItems": self.size}
+            assert self.size is not None
+            wide = self.width or self.size
+            row: dict[str, object] = {"type": "array", "items": {"type": "number"}, "minItems": wide, "maxItems": wide}
+            rows = self.size // wide
+            return row if rows == 1 else {"type": "array", "items": row, "minItems": rows, "maxItems": rows}
         if self.kind == "number":
             return {"type": "number", **({"description": f"in {self.unit}"} if self.unit else {})}
         return {"type": "string", **({"enum": list(self.values)} if self.values else {})}
@@ -205,7 +223,7 @@ class AnswerField:
     def as_dict(self) -> dict[str, object]:
         """Return the field as plain JSON values, without what it does not declare."""
         given = to_json_fields(
-            self, "name kind key pattern unit values from_column size brake proceed mirror_pairs aliases"
+            self, "name kind key pattern unit values from_column size width brake proceed mirror_pairs aliases"
         )
         return {name: value for name, value in given.items() if value not in (None, "", [], {})}
 
@@ -271,6 +289,23 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
     if says_no_picture(rest) or says_failed(told, known):
         return FieldValues(None, "says_error", fields[0].name)
     return FieldValues(tuple(values))
+
+
+def read_declared(
+    text: str, finish_reason: str | None, error: str | None, fields: Sequence[AnswerField]
+) -> Decision[tuple[Value, ...]]:
+    """Return the values of all fields in a reply, or the reason why one lacks."""
+    if (missing := why_unanswered(finish_reason, error)) is not None:
+        return Decision(None, missing)
+    visible = without_thinking(text).strip()
+    if not visible:
+        return Decision(None, "empty")
+    found = read_fields(visible, fields)
+    if found.values is not None:
+        return Decision(found.values)
+    if found.why == "refused" or (found.why == "no_answer" and refuses(visible)):
+        return Decision(None, "refused")
+    return unparsed(found.why or "no_answer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -540,12 +575,21 @@ def _vector(field: AnswerField, given: object) -> tuple[float, ...] | _NoFieldVa
     rows = [one if isinstance(one, list) else [one] for one in listed]
     if len({(len(row), row is one) for row, one in zip(rows, listed, strict=True)}) > 1:
         return _NoFieldValue("not_a_vector")
+    if field.width is not None and not _has_rows(field, listed, rows):
+        return _NoFieldValue("wrong_size")
     numbers = [number for row in rows for number in row]
     if any(isinstance(number, bool) or not isinstance(number, int | float) for number in numbers):
         return _NoFieldValue("not_a_vector")
     if len(numbers) != field.size:
         return _NoFieldValue("wrong_size")
     return tuple(map(float, numbers)) if all(abs(one) <= LARGEST for one in numbers) else _NoFieldValue("not_finite")
+
+
+def _has_rows(field: AnswerField, listed: list[object], rows: Sequence[list[object]]) -> bool:
+    """Return whether a vector's rows have its width; numbers alone are one row, or rows of one."""
+    if any(isinstance(one, list) for one in listed):
+        return all(len(row) == field.width for row in rows)
+    return field.width in {1, field.size}
 
 
 def _listed(given: str) -> object:

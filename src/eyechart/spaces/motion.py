@@ -35,6 +35,10 @@ MOST_NUMBERS = 100_000
 """A larger array is not kept."""
 
 Floats = npt.NDArray[np.float64]
+_NAMED = (
+    "{} is no array of numbers. A policy that answers with names is a controller: let it take (prompt, image), and ask "
+    "it with 'eyechart run battery --model python:MODULE:FUNCTION --prompt FILE', whose [answer] has the names"
+)
 
 
 def _with_a_way_out(error: Exception) -> str:
@@ -58,6 +62,8 @@ def _alone(given: object) -> object:
     """
     if isinstance(given, Mapping):
         arrays = [name for name, one in given.items() if _holds_array(one)]
+        if given and not arrays and all(isinstance(one, str) for one in given.values()):
+            raise ValueError(_NAMED.format(f"a {type(given).__name__} of texts"))
         if len(arrays) != 1 or arrays[0] not in {"actions", "action"} or isinstance(given[arrays[0]], Mapping):
             keys = printable(", ".join(map(repr, given))) or "none"
             own = f"a {type(given).__name__} is no array of numbers; its keys are {keys}"
@@ -98,6 +104,8 @@ class Motion:
             array = np.asarray(given)
         if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
             raise ValueError(f"a {type(given).__name__} is no array of numbers; return the array (horizon, dimensions)")
+        if array.dtype.kind in "US":
+            raise ValueError(_NAMED.format("a text"))
         if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
             half = "; return it as float32" if "float" in str(array.dtype) else ""
             raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits{half}")
@@ -323,6 +331,11 @@ class MotionSpace(SpaceDefaults):
         return self.horizon, len(self.dimensions)
 
     @property
+    def form(self) -> str:
+        """Return in words how an answer comes."""
+        return "arrays"
+
+    @property
     def axes(self) -> tuple[str, ...]:
         """Return the world's axes that have a dimension."""
         return tuple(dict.fromkeys(dimension.along for dimension in self.dimensions if dimension.along))
@@ -529,6 +542,7 @@ class MotionSpace(SpaceDefaults):
             "rate": tuple("none" if one.rate_hz is None else f"{one.rate_hz:g} Hz" for one in (self, other)),
             "dimensions": tuple(", ".join(each.name for each in one.dimensions) for one in (self, other)),
             "rotations": tuple(one.rotations_in_words() for one in (self, other)),
+            "form of answers": (self.form, other.form),
         }
         if pairs["dimensions"][0] == pairs["dimensions"][1]:
             for mine, theirs in zip(self.dimensions, other.dimensions, strict=True):

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.association import labels_of, pair_table
+from eyechart.stats.margins import random_tables
 from eyechart.stats.statistic import Statistic, not_available
 
 
@@ -201,6 +202,14 @@ def binomial_tail(k: int, n: int, chance: float) -> float:
     return float(special.bdtrc(k - 1, n, chance))
 
 
+_SUMMED = 250
+"""Up to this number of trials a tail is summed, so that a rule's words need no scipy."""
+
+
+def _summed_tail(k: int, n: int, chance: float) -> float:
+    return math.fsum(math.comb(n, i) * chance**i * (1 - chance) ** (n - i) for i in range(k, n + 1))
+
+
 @lru_cache(maxsize=1024)
 def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power: float = 0.80) -> int:
     """Return the fewest trials at which an exact one-sided binomial test has the wanted power.
@@ -213,9 +222,10 @@ def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power
         raise ValueError(f"no such design: {true_rate=} above {chance=}, {alpha=}, {power=}")
     critical = 0  # the fewest successes that reject; it never falls as n grows
     for n in range(1, 100_001):
-        while critical <= n and binomial_tail(critical, n, chance) > alpha:
+        tail = _summed_tail if n <= _SUMMED else binomial_tail
+        while critical <= n and tail(critical, n, chance) > alpha:
             critical += 1
-        if critical <= n and binomial_tail(critical, n, true_rate) >= power:
+        if critical <= n and tail(critical, n, true_rate) >= power:
             return n
     raise ValueError(f"100 000 trials do not separate {true_rate=} from {chance=}")
 
@@ -288,12 +298,9 @@ def _repaired(
     names, codes = np.unique(np.concatenate([wanted, given]), return_inverse=True)
     rows, columns = (np.bincount(half, minlength=len(names)) for half in (codes[: len(wanted)], codes[len(wanted) :]))
     r, c = np.flatnonzero(rows), np.flatnonzero(columns)
-    if min(len(r), len(c)) < 2:  # one row or column leaves nothing to draw, and scipy refuses it
+    if min(len(r), len(c)) < 2:  # one row or column leaves nothing to draw
         return np.full(resamples, np.minimum(rows, columns).sum())
-    from scipy import stats  # noqa: PLC0415 - slow to import
-
-    margins = stats.random_table(rows[r], columns[c], seed=np.random.default_rng(seed))
-    tables = margins.rvs(resamples, method="patefield")
+    tables = random_tables(rows[r], columns[c], resamples, np.random.default_rng(seed))
     return np.asarray(tables[:, r[:, None] == c[None, :]].sum(axis=1), dtype=np.int64)
 
 

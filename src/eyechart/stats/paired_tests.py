@@ -8,12 +8,14 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.agreement import clopper_pearson
+from eyechart.stats.agreement import binomial_tail, clopper_pearson
 from eyechart.stats.association import pair_table
 from eyechart.stats.statistic import Statistic, not_available
 
 ENUMERATED_STATES = 20_000
 """Up to this number of distinct outcomes a null distribution is enumerated."""
+_COUNTED = 1000
+"""Up to this number of pairs the outcomes of a fair coin are counted in integers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -314,9 +316,11 @@ def _discordant(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[int, int, 
 def _fair_coin_tail(k: int, n: int) -> float:
     """Return P(Bin(n, 1/2) >= k) for 0 <= k <= n, exact in integers until the last division.
 
-    The shorter tail is summed, and each number of ways follows from the one before: a `math.comb`
-    for each takes minutes at 50 000 pairs.
+    The shorter tail is summed, and each number of ways follows from the one before. The work grows
+    with n², so above `_COUNTED` it is scipy's incomplete beta function: equal to 1e-10 of itself.
     """
+    if n > _COUNTED:
+        return binomial_tail(k, n, 0.5)
     complement = 2 * k <= n
     ways, term = 0, 1
     for chosen in range(n, (n - k if complement else k - 1), -1):

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from eyechart.stats.margins import random_tables
 from eyechart.stats.statistic import TIE, Statistic, not_available
 
 Floats = npt.NDArray[np.float64]
@@ -117,8 +118,6 @@ def _random_tables(stack: npt.NDArray[np.int64], resamples: int, seed: int) -> n
     """Return tables with the same margins, summed over strata; (resamples, rows, columns)."""
     if resamples < 1:
         raise ValueError(f"resamples={resamples}: ask for at least one")
-    from scipy import stats  # noqa: PLC0415 - slow to import
-
     rng = np.random.default_rng(seed)
     out = np.zeros((resamples, *stack.shape[1:]), dtype=np.int64)
     for table in stack:
@@ -127,8 +126,7 @@ def _random_tables(stack: npt.NDArray[np.int64], resamples: int, seed: int) -> n
         if min(len(r), len(c)) < 2:
             out += table
             continue
-        margins = stats.random_table(rows[r], columns[c], seed=rng)
-        out[:, r[:, None], c[None, :]] += margins.rvs(resamples, method="patefield").astype(np.int64)
+        out[:, r[:, None], c[None, :]] += random_tables(rows[r], columns[c], resamples, rng)
     return out
 
 

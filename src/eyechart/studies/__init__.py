@@ -226,17 +226,19 @@ class Study(ABC, Generic[S]):
             costs.add(name, self.took_run(run, prices))
         return costs
 
-    def deployment(self, runs: Sequence[Path], reading: ReadOptions) -> "Table | None":
+    def deployment(
+        self, runs: Sequence[Path], reading: ReadOptions, took: Mapping[Path, RunCosts] | None = None
+    ) -> "Table | None":
         """Return cost and time per decision, in the paper's units; None where no model was called.
 
-        A model of several runs is named with its run.
+        A model of several runs is named with its run. ``took`` are costs that are known already.
         """
         from eyechart.report.accounts import deployment_table  # noqa: PLC0415 - a score needs no tables
         from eyechart.report.table import stack_tables  # noqa: PLC0415 - as above
 
         prices, tables = reading.prices or read_prices(), {}
         for run, name in zip(runs, names_of(runs), strict=True):
-            accounts = self.took(run, prices).accounts
+            accounts = ((took or {}).get(run) or self.took(run, prices)).accounts
             tables[name] = deployment_table({spec: found[ALL] for spec, found in accounts.items()})
         found = replace(stack_tables(tables), name="deployment")
         return found if found.rows else None

@@ -329,6 +329,19 @@ USES: dict[str, UseLabel] = CAMERA | STATE | INSTRUCTION
 """Every label of a policy by its name; axes share the names of labels that say nothing."""
 
 GUARDS: dict[str, UseLabel] = {
+    "picture": UseLabel(
+        "its pictures were not shown to reach it",
+        advice="'eyechart doctor SPEC' shows it drawn pictures and names the likely cause: no vision part, a server "
+        "that drops or shrinks pictures, or a model that is too weak for the questions.",
+    ),
+    "cache": UseLabel(
+        "a cache seems to have answered for it",
+        advice="switch the server's cache of replies off, and run into another folder.",
+    ),
+    "load": UseLabel(
+        "with several calls under way it contradicts itself more than alone",
+        advice="run into another folder with --concurrency 1: the server may mix up the pictures.",
+    ),
     "not_scorable": UseLabel(
         "too few of its calls came back with a motion",
         advice="call it once by hand with a frame of the bank, and look at the shape and numbers of its answer.",
@@ -338,9 +351,9 @@ GUARDS: dict[str, UseLabel] = {
         advice="compare the means and spreads of its answers with the log's: un-normalise, or declare the unit.",
     ),
     "constant": UseLabel(
-        "its answers to one instant at a time hardly vary",
+        "its answers hardly vary",
         advice="look at what reaches it: an input that is always the same, or an output that is scaled away. "
-        "A policy with a history cannot be asked yet: each call gives it one instant.",
+        "A policy that needs earlier instants declares history, and a bank holds them (--history).",
     ),
     "self_inconsistent": UseLabel(
         "its answers to one moment differ more than to different moments, or with the call before",

@@ -198,6 +198,13 @@ def judge_policy(
     )
 
 
+def not_arrived(verdict: PolicyVerdict, failed: Mapping[str, str]) -> PolicyVerdict:
+    """Return a verdict that says nothing of any channel: guards of the way to a model ``failed``."""
+    nothing = AxisVerdict("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
+    guards, cameras = {**failed, **verdict.guards}, dict.fromkeys(verdict.cameras, nothing)
+    return replace(verdict, guards=guards, cameras=cameras, camera=nothing, state=nothing, instruction=nothing)
+
+
 def _alone(name: str, ignored: Sequence[str]) -> str:
     """Return that the label of a camera is said of it alone, where others are ``ignored`` too."""
     others = ", ".join(one for one in ignored if one != name)
@@ -271,7 +278,7 @@ UNFIT = compared("misfit", "value", ">=", MISFIT)
 UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">", SPREAD)))
 _MOTIONS = compared("motions", "value", "<", 1 - UNSCORABLE, untested=True)
 _ODD = "a skipped normalisation, another action space, or a policy that is hardly trained"
-_AN_INSTANT = "when it is given one instant; a policy with a history cannot be asked yet"
+_INSTANTS = "with the instants that it is given; a policy that needs earlier ones declares history"
 _SWAP, _NUDGED = "T.swapped@cameras", "T.nudged"
 _BY_BYTES = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
 _NOT_SHOWN = (
@@ -293,10 +300,10 @@ GUARDING = Axis(
             "constant",
             "variation",
             (compared("variation", "value", "<", CONSTANT),),
-            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_AN_INSTANT}",
+            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_INSTANTS}",
         ),
         Rule(
-            "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_AN_INSTANT}"
+            "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_INSTANTS}"
         ),
         Rule(
             "self_inconsistent",

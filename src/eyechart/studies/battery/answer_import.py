@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply, bounded
-from eyechart.conditions import OF_BANKS
+from eyechart.conditions import of_bank
 from eyechart.errors import SourceError, SpecError, printable, raising
 from eyechart.importing import LOGS, Faults, ImportedAnswer, open_log, read_answer_table
 from eyechart.importing.answers import TOLD
@@ -277,7 +277,7 @@ class _AnswerCheck:
                 f"call '{one.call[:40]}' is of another export: give the bank, --prompt and --seed that it was made with"
             )
         if one.frame is None or one.condition is None:
-            found = self._keys.find(one.call, OF_BANKS, (frame.id for frame in bank.frames))
+            found = self._keys.find(one.call, of_bank(bank), (frame.id for frame in bank.frames))
             options = "--conditions, --controls and --limit"
             return (
                 f"call '{one.call[:40]}' is none of this run: give the {options} of the export"

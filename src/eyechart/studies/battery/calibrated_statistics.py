@@ -295,6 +295,6 @@ def _standardised(statistic: Statistic) -> Statistic:
 
 def _ranks(gaps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return mid-ranks of the gaps; frames without a lead share the farthest rank."""
-    from scipy.stats import rankdata  # noqa: PLC0415 - slow to import
-
-    return np.asarray(rankdata(np.where(np.isfinite(gaps), gaps, np.finfo(np.float64).max)), dtype=np.float64)
+    _, place, count = np.unique(np.where(np.isfinite(gaps), gaps, np.inf), return_inverse=True, return_counts=True)
+    ranks = np.cumsum(count) - (count - 1) / 2
+    return np.asarray(ranks[place], dtype=np.float64)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS, RANGED, SAMPLED, is_available, sample
+from eyechart.conditions import CONDITIONS, CONTROLS, RANGED, SAMPLED, is_available, of_bank, sample
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.records import JsonRecord
@@ -142,7 +142,7 @@ def calls_of(bank: FrameBank) -> dict[str, int]:
     """Return how many frames can be shown under each condition of a run's first stage."""
     of_scenario = Counter(frame.scenario for frame in bank)
     calls = {}
-    for name in OF_BANKS:
+    for name in of_bank(bank):
         if "text" in CONDITIONS[name].needs or name in CONTROLS:
             continue
         shown = [frame for frame in bank if is_available(name, frame)]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from eyechart.conditions import CONDITIONS, CONTROLS, OF_BANKS
+from eyechart.conditions import CONDITIONS, CONTROLS, of_bank
 from eyechart.costs import ALL, Account
 from eyechart.integrity import Guard
 from eyechart.report.accounts import deployment_tables
@@ -93,7 +93,9 @@ def make_page(evidence: Sequence[Evidence], *, tell: Tell = lambda _: None) -> P
         along=[*depth_table(judged).split(), *series_table(judged).split()],
         statistics=list(statistics_table(judged).split()),
         tables=[verdict_table(judged), frontier_table(judged)],
-        conditions=[CONDITIONS[name] for name in OF_BANKS],
+        conditions=[
+            CONDITIONS[name] for name in dict.fromkeys(name for run in evidence for name in of_bank(run.score.bank))
+        ],
         stopped=any(who.model.stopped for who in everyone),
         accounting=[_accounting(who) for who in everyone],
         reasons=MISSING,
@@ -316,7 +318,7 @@ def not_covered(run: Evidence) -> list[str]:
     unasked = "no model's answers called for it" if manifest.controls == "auto" else "it was not chosen (--controls)"
     lines = [
         f"condition {name} was not run: {why.get(name, unasked if name in CONTROLS else 'it was not chosen')}"
-        for name in OF_BANKS
+        for name in of_bank(bank)
         if name not in run.conditions
     ]
     if len(run.frames) < len(bank):

@@ -7,18 +7,22 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, Unpack
 
+from eyechart.channels import require_history
 from eyechart.clusters import require_engine
 from eyechart.conditions import (
     BATTERY,
     CONDITIONS,
     CONTROLS,
-    OF_BANKS,
+    NO_HISTORY,
+    ONE_INSTANT,
     OVER,
     STEPPED,
     asked_in_stages,
     by_reason,
     find_condition,
     is_available,
+    of_bank,
+    of_one_instant,
     require_camera,
     require_partners,
     show,
@@ -44,7 +48,7 @@ from eyechart.manifest import (
     read_run,
     write_run,
 )
-from eyechart.models import Model, OpenedModel, open_model, sequential_groups
+from eyechart.models import Model, OpenedModel, history_of, open_model, sequential_groups
 from eyechart.models.actors import ActorPool
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode
@@ -353,6 +357,8 @@ def planned(
     formulation = _prompt_for(bank, asking.prompt, out)
     bank = asked_of(bank, formulation)
     require_sayable(formulation, bank)
+    for spec, (_, facts) in who.items():
+        require_history(spec, history_of(facts), bank)
     if formulation.messages:
         require_pictured(formulation, show("real", bank.frames[-1], bank, asking.seed))
     supplied, left_out = conditions_of(bank, formulation)
@@ -364,7 +370,7 @@ def planned(
         find_condition(name)
         require_camera(name, bank.frames[0].cameras)
         if (base := name.partition(OVER)[0]) not in supplied and base not in STEPPED:
-            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, 'a bank is no drive')}")
+            raise BankError(f"condition '{name}' cannot be shown: {left_out.get(base, NO_HISTORY)}")
     extent.require_possible(chosen)
     manifest = RunManifest.begun(
         bank,
@@ -439,18 +445,19 @@ def _expected(left_out: Mapping[str, str], prompt: Prompt) -> dict[str, str]:
 def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the conditions that the bank can supply, and why it cannot supply the others."""
     left_out: dict[str, str] = {}
-    for name in OF_BANKS:
+    for name in of_bank(bank):
         needs = CONDITIONS[name].needs
         if "text" in needs and not prompt.fields:
             left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
         elif not any(is_available(name, frame) for frame in bank):
             left_out[name] = "no frame has a mirror axis" if "axis" in needs else "no frame has its picture"
+            left_out[name] = ONE_INSTANT if of_one_instant(name, bank) else left_out[name]
         else:
             try:
                 require_partners((name,), bank)
             except BankError as error:
                 left_out[name] = str(error)
-    return tuple(name for name in OF_BANKS if name not in left_out), left_out
+    return tuple(name for name in of_bank(bank) if name not in left_out), left_out
 
 
 def resume_manifest(out: Path, manifest: RunManifest, bank: FrameBank) -> RunManifest:

@@ -47,10 +47,8 @@ def _asked_in(ledger: Ledger, plan: Plan) -> dict[tuple[str, str], dict[str, Cal
     """Return the request digests by condition and frame; a row without a digest is left out."""
     asked: dict[tuple[str, str], dict[str, CallKey]] = {}
     for spec in plan.models:
-        for sent in ledger.attempts(spec):
-            if sent.request_sha256:
-                digests = asked.setdefault((sent.key.condition, sent.key.frame), {})
-                digests.setdefault(sent.request_sha256, sent.key)
+        for key, digest in ledger.requests(spec):
+            asked.setdefault((key.condition, key.frame), {}).setdefault(digest, key)
     return asked
 
 
@@ -113,7 +111,7 @@ class _RequestComparison:
         exact = self._leaves_as_it_is(condition, frame)
         self._times[condition] += not exact
         seen = (self._stored if exact else self._sent).show(condition, frame)
-        self._bytes += sum(map(len, seen.images.values()))
+        self._bytes += sum(map(len, seen.pictures))
         key = CallKey(self.plan.study, "", self.plan.prompt.key, frame, condition)
         wrong = asked.keys() - {self.plan.query(key, seen).sha256()}
         kind = condition if self._made[condition] or self.manifest.view != NONE else _OF_BANK
@@ -127,7 +125,7 @@ class _RequestComparison:
         """Return whether a call's pictures are the bank's files unchanged, or it has none."""
         if self._is_made(condition, frame):
             return False
-        images = self._stored.show(condition, frame).images.values()
+        images = self._stored.show(condition, frame).pictures
         as_they_lie = not self.plan.bank.plain or all(map(is_bare, images))
         return not images or (as_they_lie and self.manifest.view == NONE)
 
@@ -135,6 +133,6 @@ class _RequestComparison:
         """Return whether a condition makes its pictures; decided on the first frame."""
         if condition not in self._made:
             lying = [self._bank.read(file) for file in self.plan.sources(condition, self._bank.frame(frame))]
-            images = self._stored.show(condition, frame).images.values()
+            images = self._stored.show(condition, frame).pictures
             self._made[condition] = not all(image in lying for image in images)
         return self._made[condition]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from eyechart.conditions import CONTROLS, OF_BANKS, OVER, is_available
+from eyechart.conditions import CONTROLS, OVER, is_available, of_bank
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.frames import IMPORTED, FrameBank
@@ -136,7 +136,7 @@ class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
 
     def evidence(self) -> dict[str, Evidence]:
         """Return what the rules judge of every model."""
-        absent = tuple(name for name in OF_BANKS if not any(is_available(name, frame) for frame in self.bank))
+        absent = tuple(name for name in of_bank(self.bank) if not any(is_available(name, frame) for frame in self.bank))
         part = self.manifest.shard is not None and self.manifest.controls == "auto"
         return {
             spec: Evidence(

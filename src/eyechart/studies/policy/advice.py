@@ -7,6 +7,7 @@ from typing import NamedTuple
 from eyechart.channels import BY_STATE, CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
 from eyechart.conditions import OVER
 from eyechart.conditions.policies import conditions_of
+from eyechart.prompts import says
 from eyechart.studies.policy.scores import PolicyScore
 from eyechart.verdicts.share_predicates import ALPHA, USED, ShareStatistics, is_used
 
@@ -34,7 +35,8 @@ CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
 
 def settling(score: PolicyScore, spec: str, channel: str) -> Advice:
     """Return the advice that would decide a channel's axis."""
-    ways = (*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
+    seen = (*_to_ask(score, channel), *_of_failures(score, spec, channel))
+    ways = (*seen, *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
     return next(iter(ways), _of(SETTLE, score, channel))
 
 
@@ -54,6 +56,8 @@ def _to_ask(score: PolicyScore, channel: str) -> Iterator[Advice]:
     if channel not in channels_of(score.bank):
         noun = what.removeprefix("its ")
         yield Advice(f"use a bank with {'an' if noun[0] in 'aeiou' else 'a'} {noun}: this one has none")
+    elif channel in {STATE, INSTRUCTION} - says(score.manifest.prompt, score.bank):
+        yield Advice(f"let the prompt say {what}, by the name of its column in braces: this one does not")
     elif missing := ", ".join(_not_asked(score, channel)):
         yield Advice(f"run the missing conditions ({missing}): 'eyechart run policy' without --conditions runs all")
     elif f"swapped{OVER}{channel}" in conditions_of(score.bank)[1]:
@@ -89,14 +93,24 @@ def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
         )
 
 
+def _of_failures(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
+    """Yield advice if the policy fails on pictures that a channel's label needs."""
+    if names := [name for name in _needed(channel) if name in score.models[spec].motions.fails_on]:
+        yield Advice(f"let it return a motion on {', '.join(names)} pictures too: what it does where it finds nothing")
+
+
 def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
     """Yield the conditions that a channel's label needs, the bank can show and the run lacks."""
     able, asked = conditions_of(score.bank)[0], score.manifest.conditions
-    wanted = ["real_repeat", f"swapped{OVER}{channel}"]
+    yield from (name for name in _needed(channel) if name in able and name not in asked)
+
+
+def _needed(channel: str) -> Iterator[str]:
+    """Yield the conditions that a channel's label needs."""
+    yield from ("real_repeat", f"swapped{OVER}{channel}")
     if channel not in {STATE, INSTRUCTION}:
         over = f"{OVER}{channel.removeprefix(CAMERA)}" if channel.startswith(CAMERA) else ""
-        wanted += [*(f"{name}{OVER}{channel}" for name in BY_STATE), f"blank{over}"]
-    yield from (name for name in wanted if name in able and name not in asked)
+        yield from (*(f"{name}{OVER}{channel}" for name in BY_STATE), f"blank{over}")
 
 
 def _in_words(channel: str) -> str:

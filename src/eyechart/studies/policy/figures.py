@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of
+from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of, instruction_column
 from eyechart.errors import EyechartError, counted
 from eyechart.frames import FrameBank, decode
 from eyechart.report.charts import (
@@ -349,7 +349,8 @@ def _moment(
     on_a_plane = len(space.axes) > 1
     with style():
         figure = paths(seen, space, lines) if on_a_plane else curves(seen, space, lines, found.scales)
-    told = f"told “{found.plan.prompt.render({**frame.fields}, ())[-1]}”" if frame.fields else "without an instruction"
+    column = instruction_column(found.plan.bank)
+    told = "without an instruction" if column is None else f"told “{frame.fields[column]}”"
     says = "Its own motion, and its motion with one input changed: "
     note = " ".join(filter(None, (_read_as(space, on_a_plane=on_a_plane), _of_answers(found), why)))
     return Drawing(

@@ -1,6 +1,6 @@
 """Planning and running: every frame under every condition, with repeats for policies that draw."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -9,23 +9,25 @@ from typing import Unpack
 import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.channels import channels_of, instruction_column, require_channels
-from eyechart.conditions import OVER, PARTNERS, find_condition
+from eyechart.channels import INSTRUCTION, STATE, TOLD, channels_of, require_history, require_inputs
+from eyechart.conditions import FROZEN, NO_HISTORY, OVER, PARTNERS, find_condition, show
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
+from eyechart.costs import CostEstimate
 from eyechart.errors import BankError, SpecError, did_you_mean
 from eyechart.event_loops import make_calls
 from eyechart.frames import FrameBank
 from eyechart.importing.log_warnings import notes
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
-from eyechart.manifest import LEDGER, RunManifest, asked_of
-from eyechart.models import OpenedModel, open_policy
-from eyechart.planned_run import RunAllowance, RunEnding, calls_ended
-from eyechart.prompts import policy_prompt
+from eyechart.manifest import LEDGER, RunManifest, asked_of, is_run, read_manifest
+from eyechart.models import OpenedModel, history_of, open_policy, states
+from eyechart.modes import RequestMode
+from eyechart.planned_run import RunAllowance, RunEnding, calls_ended, empty, forecast
+from eyechart.prompts import Prompt, motion_prompt, require_pictured, says
 from eyechart.run import MotionPlan, RunOptions, Stages, in_order, spread
 from eyechart.spaces.motion import MOTION_READER, Motion, MotionSpace, require_motions
 from eyechart.stats.total_effect import rounding_tolerance
-from eyechart.studies.battery import Battery, open_whole, plan_of, resume_manifest
+from eyechart.studies.battery import Battery, expected, open_whole, plan_of, resume_manifest
 from eyechart.studies.battery import run as run_battery
 
 STUDY = "policy"
@@ -72,13 +74,24 @@ class PolicyRun(Battery):
 
     def lines(self, how: RunAllowance) -> Iterator[str]:
         """Yield the conditions left out, each with its reason, and the number of calls."""
-        del how
         calls, finished, _ = self.counts()
         size = self._counted("policy", str(calls - finished))
         yield from (*self._left_out(), *notes(self.plan.bank))
         yield f"{size}; a policy that draws its answers gets each call {self.plan.answers} times"
+        if any(map(states, self.plan.models)):
+            yield from forecast(self.manifest, self.plan.models, self._expected(how), how)
         if self.of_shapley:
             yield f"of these, {self.of_shapley} calls are for Shapley shares alone; more if a policy draws its answers"
+
+    def more_by_model(self) -> dict[str, int]:
+        """Return the calls that follow for each policy if it turns out to draw its answers."""
+        drawn = replace(self.plan, drawn=frozenset(self.plan.models))
+        with self._ledger as ledger:
+            now = self.staged(ledger)
+        return {spec: sum(1 for _ in drawn.keys_of(spec)) - sum(1 for _ in now.keys_of(spec)) for spec in now.models}
+
+    def _expected(self, how: RunAllowance) -> tuple[CostEstimate, ...]:
+        return expected(self, how.prices, concurrency=how.concurrency)
 
     def ends(self, outcome: RunOutcome, failed: Mapping[str, str]) -> Iterator[RunEnding]:
         """Yield the policies without any motion, and how the calls ended."""
@@ -87,6 +100,8 @@ class PolicyRun(Battery):
             last = "" if spec in outcome.set_aside else f", the last one ended with {why}"
             yield RunEnding([f"nothing can be judged: {spec}: of {count} finished calls none holds a motion{last}"])
         yield calls_ended(outcome, failed, calls - finished, nothing=bool(nothing))
+        if any(map(states, self.plan.models)):
+            yield empty([self.out])
 
     def motionless(self) -> dict[str, tuple[int, str]]:
         """Return the policies without any motion: their finished calls, and the last fault."""
@@ -109,19 +124,23 @@ class PolicyRun(Battery):
 
 def plan(
     bank_path: Path,
-    specs: Sequence[str | OpenedModel],
+    specs: Sequence[str | RequestMode | OpenedModel],
     out: Path,
     *,
     seed: int = 0,
     extent: PolicySelection = WHOLE,
     conditions: Sequence[str] | None = None,
     timeout_s: float | None = None,
+    prompt: str | None = None,
 ) -> PolicyRun:
     """Plan a run of policies on a bank, or the rest of the run in ``out``; write and call nothing.
 
-    ``conditions`` default to all that the bank can show. Raises BankError for a bank without
-    motions, with fewer than three episodes, or with a changed picture. Raises SpecError for an
-    unknown policy, channel or condition, and LedgerError if ``out`` holds another run.
+    ``conditions`` default to all that the bank can show. ``prompt`` is a TOML file for models that
+    state their motions in words; it defaults to that of the run in ``out``, or to a plain one.
+
+    Raises BankError for a bank without motions, with fewer than three episodes, or with a changed
+    picture. Raises SpecError for an unknown policy, channel or condition, for a prompt that does
+    not ask for the bank's motions, and LedgerError if ``out`` holds another run.
     """
     if extent.answers < 2:
         raise SpecError(f"--answers takes 2 or more, got {extent.answers}: one answer cannot show a policy's noise")
@@ -132,19 +151,20 @@ def plan(
     bank = open_whole(bank_path)
     _require_asked(bank)
     for spec, model in models.items():
-        require_channels(spec, tuple(filter(None, model.facts.get("channels", "").split(", "))), bank)
-    supplied, left_out = conditions_of(bank)
-    asked = _conditions_asked(bank, conditions or supplied, shapley=extent.shapley)
-    assert bank.manifest.motion is not None
-    prompt = policy_prompt(bank.manifest.motion, instruction_column(bank))
-    bank = asked_of(bank, prompt)
+        require_inputs(spec, model.facts, bank)
+        require_history(spec, history_of(model.facts), bank)
+    formulation = _prompt_for(bank, opened, prompt, out)
+    supplied, left_out = shown_conditions(bank, formulation)
+    asked = _conditions_asked(bank, formulation, conditions or supplied, shapley=extent.shapley)
+    bank = asked_of(bank, formulation)
+    require_pictured(formulation, show("real", bank.frames[0], bank, seed))
     manifest = RunManifest.begun(
         bank,
         {spec: one.mode for spec, one in opened.items()},
         {spec: (model.version, model.facts) for spec, model in models.items()},
         study=STUDY,
         seed=seed,
-        prompt=prompt,
+        prompt=formulation,
         conditions=asked,
         limit=extent.limit,
         shard=extent.shard,
@@ -159,9 +179,46 @@ def plan(
     return PolicyRun(calls, models, manifest, out, {} if conditions else left_out, added)
 
 
-def _conditions_asked(bank: FrameBank, named: Sequence[str], *, shapley: bool) -> tuple[str, ...]:
+def _prompt_for(bank: FrameBank, specs: Collection[str], file: str | None, out: Path) -> Prompt:
+    """Return the prompt of a run; without a file that of the run in ``out``, if there is one."""
+    in_words = [spec for spec in specs if states(spec)]
+    if in_words and len(in_words) < len(specs):
+        raise SpecError(
+            f"{', '.join(in_words)} states numbers in words, and the other policies return arrays: they are not asked "
+            "alike, so run them in two folders; 'eyechart report ONE OTHER' shows both"
+        )
+    if in_words and file is None and is_run(out):
+        return read_manifest(out).prompt
+    return motion_prompt(bank, file, in_words=bool(in_words))
+
+
+def shown_conditions(
+    bank: FrameBank, prompt: Prompt, *, reading: bool = True
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Return the conditions of a run with a prompt, and why others are left out, as `conditions_of`.
+
+    A channel that the prompt does not say is not exchanged: no answer could change with it.
+    """
+    supplied, left_out = conditions_of(bank, reading=reading)
+    unsaid = {
+        name: f"prompt '{prompt.name}' does not say the {channel}"
+        for name in supplied
+        if (channel := exchanged_text(name)) and channel not in says(prompt, bank)
+    }
+    return tuple(name for name in supplied if name not in unsaid), {**left_out, **unsaid}
+
+
+def exchanged_text(condition: str) -> str:
+    """Return the channel in words that a condition exchanges: the state, the instruction or ""."""
+    base, _, channel = condition.partition(OVER)
+    if base in PARTNERS and channel in {STATE, INSTRUCTION}:
+        return channel
+    return INSTRUCTION if base.startswith(TOLD) else ""
+
+
+def _conditions_asked(bank: FrameBank, prompt: Prompt, named: Sequence[str], *, shapley: bool) -> tuple[str, ...]:
     """Return the conditions of a run; SpecError or BankError for one that is impossible here."""
-    supplied, left_out = conditions_of(bank)
+    supplied, left_out = shown_conditions(bank, prompt)
     every, further = subset_conditions(bank), further_conditions(bank)
     if shapley and not every:
         raise BankError(f"the bank {bank.root} has no channel but its cameras; --shapley needs several")
@@ -177,6 +234,8 @@ def _unknown(name: str, bank: FrameBank) -> str:
     """Say which channel or camera of a condition the bank lacks, and which it has."""
     base, over, channel = name.partition(OVER)
     cameras = [camera.name for camera in bank.frames[0].cameras]
+    if base == FROZEN and not bank.manifest.history:
+        return NO_HISTORY
     if not over or (base not in PARTNERS and channel in cameras):
         return "the bank has no such pictures"
     what, known = ("channel", [*channels_of(bank)]) if base in PARTNERS else ("camera", cameras)

@@ -1,17 +1,17 @@
 """Scoring: from a ledger of motions to each policy's statistics; it only reads."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.channels import CAMERA, CAMERAS, channels_of
-from eyechart.conditions.policies import conditions_of
 from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
+from eyechart.models import states
 from eyechart.models.prices import Prices, read_prices
 from eyechart.records import KeyedRecord
 from eyechart.run import MotionPlan
@@ -21,9 +21,15 @@ from eyechart.stats.total_effect import share_difference
 from eyechart.studies.battery import require_requests, taken
 from eyechart.studies.policy.effects import Effects, statistics_of
 from eyechart.studies.policy.motions import Motions, read_motions
-from eyechart.studies.policy.plans import STUDY, drawers, motions_of, seeded
-from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy
+from eyechart.studies.policy.plans import STUDY, drawers, motions_of, seeded, shown_conditions
+from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy, not_arrived
 from eyechart.verdicts.share_predicates import MissingConditions
+
+_GUARDS = frozenset({"outcomes", "geometry", "served"})
+_OF_SERVERS = ("picture", "cache", "load", "truncation", "shown")
+"""Guards of models that state their motions in words, which are asked as any served model is."""
+_ON_THE_WAY = frozenset({"picture", "cache", "load"})
+"""Guards whose failure is a fault of the way to the model, so that no channel can be judged."""
 
 CallAccounts = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
 
@@ -84,9 +90,10 @@ class PolicyScore(KeyedRecord):
         frames = one.motions.plan.frames
         episodes = len({frame.drive for frame in frames})
         where = f"On these {episodes} episodes ({len(frames)} frames) of {self.bank.name}, {self.bank.manifest.picture}"
+        prompt, others = (f" with prompt {self.manifest.prompt.key}", "other prompts, ") if states(spec) else ("", "")
         return (
-            f"{where}, {spec}@{one.version} on {self.manifest.created}; not tested: other data, closed loop, and what "
-            "only few episodes would show."
+            f"{where}, {spec}@{one.version}{prompt} on {self.manifest.created}; not tested: {others}other data, closed "
+            "loop, and what only few episodes would show."
         )
 
 
@@ -133,11 +140,11 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
 
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
-    supplied, lacking = conditions_of(found.bank, reading=False)
+    supplied, lacking = shown_conditions(found.bank, found.manifest.prompt, reading=False)
     unasked = MissingConditions(
         frozenset(supplied) - frozenset(found.manifest.conditions), lacking, found.manifest.bank_path
     )
-    return {
+    verdicts = {
         spec: judge_policy(
             spec,
             model.statistics,
@@ -150,6 +157,19 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
         )
         for spec, model in found.models.items()
     }
+    return {spec: _as_it_arrived(one, found.guards.get(spec, ())) for spec, one in verdicts.items()}
+
+
+def _as_it_arrived(verdict: PolicyVerdict, guards: Sequence[Guard]) -> PolicyVerdict:
+    """Return a verdict as far as the guards of the way to a model allow it.
+
+    Answers that follow the run's own pictures prove that these arrived, whatever a probe saw.
+    """
+    failed = {one.name: one.because for one in guards if one.name in _ON_THE_WAY and one.holds is False}
+    if verdict.answer in {"Yes", "In part"} and (why := failed.pop("picture", "")):
+        remark = f"its answers follow its pictures here, although guard 'picture' failed: {why}"
+        verdict = replace(verdict, remarks=(*verdict.remarks, remark))
+    return not_arrived(verdict, failed) if failed else verdict
 
 
 def judged_json(found: PolicyScore) -> dict[str, dict[str, object]]:
@@ -184,7 +204,7 @@ def took(path: Path, prices: Prices) -> CallAccounts:
 def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Prices) -> CallAccounts:
     spent, kept = taken(ledger, manifest, plan, prices)
     return spent, {
-        spec: tuple(one for one in many if one.name in {"outcomes", "geometry", "served"})
+        spec: tuple(one for one in many if one.name in _GUARDS or (states(spec) and one.name in _OF_SERVERS))
         for spec, many in kept.items()
     }
 

@@ -109,6 +109,7 @@ MEANINGS: Mapping[str, str] = {
     "T.blank": "the same, with grey pictures, of all cameras or of one",
     "T.nudged": "the same, with one value of one pixel one level off: other bytes, the same pictures",
     "T.noise": "the same, with noise for pictures, of all cameras or of one",
+    "T.frozen": "the same, with the oldest picture of the window at every instant, as of a still camera",
     "T.exchanged": "the same, with the objects' colours exchanged in the pictures, or in those of one camera",
     "T.recoloured": "the same, on another table",
     "T.decoys": "the same, with further objects in the pictures",

@@ -1,0 +1,60 @@
+"""Tables drawn with both margins held fixed, and the tests of tables, against scipy's own."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from eyechart.stats import agreement, margins
+from eyechart.stats.agreement import binomial_tail, trials_needed
+from eyechart.stats.association import chi2_test
+
+ALONE = """
+import sys
+import numpy as np
+from eyechart.stats import margins
+tables = margins.random_tables(np.array([30, 11, 7]), np.array([25, 23]), 50, np.random.default_rng(3))
+assert "scipy.stats" not in sys.modules, "the sampler alone was wanted"
+from scipy import stats
+drawn = stats.random_table([30, 11, 7], [25, 23], seed=np.random.default_rng(3)).rvs(50, method="patefield")
+assert tables.dtype == drawn.dtype and (tables == drawn).all()
+"""
+
+
+def test_the_sampler_alone_draws_what_scipy_draws() -> None:
+    """In a process that has not imported ``scipy.stats``; that comes after it without harm."""
+    subprocess.run([sys.executable, "-c", ALONE], check=True)
+
+
+def test_a_scipy_without_that_file_draws_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its public door is asked then."""
+    rows, columns = np.array([30, 11, 7]), np.array([25, 23])
+    drawn = stats.random_table(rows, columns, seed=np.random.default_rng(3)).rvs(50, method="patefield")
+    monkeypatch.setattr(margins, "_alone", lambda: None)
+    assert (margins.random_tables(rows, columns, 50, np.random.default_rng(3)) == drawn).all()
+
+
+@pytest.mark.parametrize("correction", [True, False])
+def test_chi_squared_is_that_of_scipy(*, correction: bool) -> None:
+    """On tables of every shape, 2 x 2 with Yates' correction among them, and close to independence."""
+    rng = np.random.default_rng(0)
+    for shape in [(2, 2), (2, 5), (4, 3)] * 30:
+        table = rng.integers(1, rng.integers(2, 60), shape)
+        found, known = chi2_test(table, correction=correction), stats.chi2_contingency(table, correction=correction)
+        assert found.value == pytest.approx(known.statistic, rel=1e-12, abs=1e-15)
+        assert found.p == pytest.approx(known.pvalue, rel=1e-12)
+        assert found.detail is not None
+        assert found.detail["dof"] == known.dof
+        assert found.detail["smallest_expected"] == known.expected_freq.min()
+
+
+def test_a_summed_tail_gives_the_trials_of_the_exact_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For designs on both sides of the number up to which it is summed."""
+    designs = [(rate, chance) for rate in (0.6, 0.65, 0.9, 1.0) for chance in (0.0, 0.2, 0.5)]
+    needed = trials_needed.__wrapped__
+    summed = [needed(*design, alpha=alpha) for design in designs for alpha in (0.05, 0.01)]
+    monkeypatch.setattr(agreement, "_SUMMED", 0)
+    assert summed == [needed(*design, alpha=alpha) for design in designs for alpha in (0.05, 0.01)]
+    assert agreement._summed_tail(17, 40, 0.3) == pytest.approx(binomial_tail(17, 40, 0.3), rel=1e-12)
