@@ -117,3 +117,11 @@ def test_a_number_that_nobody_can_have_measured_is_not_reported(name: str, value
 def test_every_number_of_a_reply_has_a_bound() -> None:
     """A field that is added later too."""
     assert {field.name for field in fields(Reply) if field.type in (int | None, float | None)} == MOST.keys()
+
+
+def test_a_digest_binds_the_instants_before_and_their_order() -> None:
+    """Pictures and state of each; the same instants in another order are another query."""
+    one, other = Stimulus({"main": b"1"}), Stimulus({"main": b"2"}, {"gap": 3}, {"joints": (1.0,)})
+    pasts = [(), (one,), (other,), (one, other), (other, one), (replace(other, state={"joints": (2.0,)}),)]
+    queries = [Query("", "", replace(one, past=past), 0) for past in pasts]
+    assert len({query.sha256() for query in queries}) == len(queries)

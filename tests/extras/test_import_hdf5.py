@@ -304,6 +304,16 @@ def test_a_hostile_or_contradictory_file_is_refused_by_name(tmp_path: Path, name
     assert not (tmp_path / "bank").exists()
 
 
+def test_a_file_without_a_rate_does_not_take_that_of_another(tmp_path: Path) -> None:
+    """The user says it for all."""
+    (tmp_path / "set").mkdir()
+    for name in ("a", "b"):
+        robomimic(tmp_path / f"set/{name}.hdf5")
+    edit(told("env_args", "{}"))(tmp_path / "set/b.hdf5")
+    with pytest.raises(SourceError, match=r"rate \(the files have 20, and some have none\)"):
+        bank_of(tmp_path / "set", Horizon(2, "delta"))
+
+
 def test_a_contradicting_rate_and_mixed_folders_are_refused(tmp_path: Path) -> None:
     """A folder is of one program, and no link leads out of it."""
     robomimic(tmp_path / "low.hdf5")

@@ -186,14 +186,14 @@ def read_demonstrations(
 ) -> Demonstrations:
     """Read what the files hold; raises SourceError for another layout or for a contradiction."""
     found, said, tasks = list[Demonstration](), list[str](), dict[str, int]()
-    first, program, rates = None, "", set[float]()
+    first, program, rates = None, "", set[float | None]()
     for path in hdf5_files(folder):
         with opened(path) as file:
             own = _program(file)
             program = program or own
             if own != program:
                 raise SourceError(f"{path} is of {own}, but the files before it are of {program}")
-            rates |= _rates(file)
+            rates.add(_rate_in(file))
             words = _instruction(file) if own == "LIBERO" else ""
             task = tasks.setdefault(words, len(tasks)) if words else None
             for group in _episodes(file, own):
@@ -420,22 +420,22 @@ def _instruction(file: Hdf5Group) -> str:
     return words
 
 
-def _rates(file: Hdf5Group) -> set[float]:
-    """Return the rate of a file's attributes, or nothing."""
+def _rate_in(file: Hdf5Group) -> float | None:
+    """Return the rate of a file's attributes, None without one."""
     told = _attributes(file, "env_args").get("env_kwargs")
     rate = told.get("control_freq") if isinstance(told, dict) else None
     if not isinstance(rate, int | float) or isinstance(rate, bool):
-        return set()
+        return None
     with raising(SourceError, f"{file.path}: the control_freq of env_args", of=OverflowError):
-        return {float(rate)}
+        return float(rate)
 
 
-def _rate(rates: set[float], given: float | None, folder: Path) -> float:
-    """Return the frames a second; raises SourceError if neither the files nor the user say it."""
-    if given is None and len(rates) != 1:
-        has = (
-            f"the files have {', '.join(f'{one:g}' for one in sorted(rates))}" if rates else "the files do not have it"
-        )
+def _rate(found: set[float | None], given: float | None, folder: Path) -> float:
+    """Return the frames a second; raises SourceError if neither all files nor the user say it."""
+    rates = {one for one in found if one is not None}
+    if given is None and (len(rates) != 1 or None in found):
+        has = ", ".join(f"{one:g}" for one in sorted(rates))
+        has = f"the files have {has}{', and some have none' * (None in found)}" if rates else "the files do not have it"
         raise SourceError(f"{folder}: give the frames a second with --rate ({has}); the ALOHA of ACT records 50")
     rate = next(iter(rates)) if given is None else float(given)
     if not SLOWEST <= rate <= FASTEST:
