@@ -16,7 +16,7 @@ import by_hand as hand
 from drawn import by_hand
 from eyechart.cli.app import app
 from eyechart.errors import BankError, SourceError, SpecError
-from eyechart.frames import Made, check, declare, encode, open_bank
+from eyechart.frames import Provenance, check, declare, encode, open_bank
 from eyechart.gate import Gate, hold
 from eyechart.importing import Choices, import_table
 from eyechart.spaces.discrete import DRIVING
@@ -51,7 +51,7 @@ EDITED = {**FACT, **FOLLOWS, **excess(0.01), **bound(0.0999)}
 class Run:
     """A scored run of one model, by its statistics and by how its control pictures were made."""
 
-    def __init__(self, found: Mapping[str, Statistic], made: Made) -> None:
+    def __init__(self, found: Mapping[str, Statistic], made: Provenance) -> None:
         self._evidence = replace(hand.evidence({**hand.reader(), **by_hand(**found)}), made=made, run="my run")
 
     def evidence(self) -> dict[str, Evidence]:
@@ -90,7 +90,7 @@ class Run:
     ],
 )
 def test_depth_needs_more_where_nobody_rendered_the_pictures(
-    found: Mapping[str, Statistic], made: Made, label: str
+    found: Mapping[str, Statistic], made: Provenance, label: str
 ) -> None:
     """The photographs as taken where they are not rendered, and the edit excluded where they are edited."""
     assert Run(found, made).verdict.calibrated.label == label
@@ -143,7 +143,7 @@ def test_a_verdict_has_fields_for_who_made_the_pictures() -> None:
     ],
 )
 def test_a_gate_asks_who_made_the_control_pictures(
-    found: Mapping[str, Statistic], made: Made, evidence: str | None, code: int
+    found: Mapping[str, Statistic], made: Provenance, evidence: str | None, code: int
 ) -> None:
     """Rendered and staged ones pass, edited ones where that is accepted; what is not said cannot."""
     gate = Run(found, made).gate(evidence=evidence)
@@ -153,7 +153,7 @@ def test_a_gate_asks_who_made_the_control_pictures(
 
 
 @pytest.mark.parametrize("made", ["", "edited"])
-def test_that_it_looks_rests_on_no_control_picture(made: Made) -> None:
+def test_that_it_looks_rests_on_no_control_picture(made: Provenance) -> None:
     """Whoever follows an edit looks too."""
     found = EDITED if made else {**FACT, **FOLLOWS}
     assert Run(found, made).gate("looks").exit_code == 0
@@ -172,7 +172,7 @@ def test_patched_is_asked_with_the_pictures_along_the_range_where_a_bank_has_it(
     assert controls_wanted(found, supplied=STAGE, asked=()) == STAGE
 
 
-def answered(changed: int, repeated: int, n: int, made: Made) -> CalibratedStatistics:
+def answered(changed: int, repeated: int, n: int, made: Provenance) -> CalibratedStatistics:
     """Return the tests of a model whose decision the edit and a repeat change so often, on other frames."""
 
     def column(which: range) -> tuple[Decision[str], ...]:
@@ -345,7 +345,7 @@ def test_a_bank_is_declared_in_place_and_its_runs_stay_valid(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("made", "says"), [("staged", "rendered the pictures"), ("edited", "they are not edited")])
-def test_what_a_simulator_drew_is_rendered(tmp_path: Path, made: Made, says: str) -> None:
+def test_what_a_simulator_drew_is_rendered(tmp_path: Path, made: Provenance, says: str) -> None:
     """Nobody's word makes it something else."""
     root = banks.build_bank(tmp_path / "made").root
     with pytest.raises(BankError, match=says):

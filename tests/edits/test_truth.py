@@ -9,7 +9,7 @@ import pytest
 import edited_controllers
 import edited_worlds
 from edited_worlds import EXCHANGES, LEADS, Pair, pixels
-from eyechart.frames import Made, open_bank
+from eyechart.frames import Provenance, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.studies import battery
 from eyechart.verdicts import judge
@@ -86,7 +86,7 @@ def test_five_controllers_get_the_label_of_the_rendered_bank(pair: Pair, tmp_pat
     choices = Choices(threshold=8.0, unit="m", mirror="horizontal")
     labels, answers = [], []
     for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True):
-        made: Made = "edited" if folder == pair.edited else "rendered"
+        made: Provenance = "edited" if folder == pair.edited else "rendered"
         bank = import_table(folder, table, tmp_path / folder.name, replace(choices, made=made))
         specs = [f"python:edited_controllers:{name}" for name in CONTROLLERS]
         planned = battery.plan(bank.root, specs, tmp_path / f"run {folder.name}")

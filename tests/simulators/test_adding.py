@@ -145,7 +145,7 @@ def test_what_is_cut_off_before_the_manifest_is_replaced_changes_nothing(
     def cut(*_: object) -> None:
         raise OSError("no space left")
 
-    monkeypatch.setattr(additions, "_commit", cut)
+    monkeypatch.setattr(additions, "replace_manifest", cut)
     for out in (None, tmp_path / "new"):
         with pytest.raises(OSError, match="no space"):
             add_missing(old, out)

@@ -39,6 +39,6 @@ def test_the_counts_of_marks_are_of_both_readers() -> None:
 
 
 def test_no_mutated_reply_of_marks_raises_or_is_read_in_two_ways() -> None:
-    """Made from the open part by cuts, joins, repetitions and strange signs."""
+    """Provenance from the open part by cuts, joins, repetitions and strange signs."""
     corpus = tuple(one for kind in SETS for one in marked("open", kind))
     assert list(count_wrong(corpus, range(500), SPACES)) == []

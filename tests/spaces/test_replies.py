@@ -66,7 +66,7 @@ def test_the_corpus_is_large_and_both_of_its_parts_are() -> None:
 
 
 def test_no_mutated_reply_raises_or_is_read_in_two_ways() -> None:
-    """Made from the corpus by cuts, joins, repetitions and strange signs; `make long-replies` makes a million."""
+    """Provenance from the corpus by cuts, joins, repetitions and strange signs; `make long-replies` makes a million."""
     assert list(count_wrong(CORPUS, range(1000))) == []
 
 

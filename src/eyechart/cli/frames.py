@@ -13,7 +13,7 @@ from eyechart.errors import SpecError, counted, suggestion
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
-    from eyechart.frames import Made, MirrorAxis, SharedFrames
+    from eyechart.frames import MirrorAxis, Provenance, SharedFrames
     from eyechart.importing import Choices, Convert, Horizon
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
@@ -447,14 +447,14 @@ def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Co
     return Convert(background or "white", longest) if asked else None
 
 
-def _made(word: str, wrong: "Faults") -> "Made":
+def _made(word: str, wrong: "Faults") -> "Provenance":
     """Return how control pictures were made; an unknown word is a fault and counts as not said."""
     with wrong.noted():
         return read_made(word)
     return ""
 
 
-def read_made(word: str) -> "Made":
+def read_made(word: str) -> "Provenance":
     """Return how control pictures were made; raises SpecError for an unknown word."""
     from eyechart.frames import MADE
 

@@ -25,8 +25,8 @@ from eyechart.frames.nouns import (
     Controls,
     Frame,
     FrameBank,
-    Made,
     MirrorAxis,
+    Provenance,
     Scalar,
     alone,
     files_of,
@@ -345,7 +345,7 @@ def replace_manifest(folder: Path, manifest: BankManifest) -> None:
     partial.replace(path)
 
 
-def declare(root: Path, made: Made) -> Made:
+def declare(root: Path, made: Provenance) -> Provenance:
     """Declare in place how a bank's control pictures were made; return what was said before.
 
     Fingerprint and declaration stay, so runs on the bank stay valid. Raises BankError if a

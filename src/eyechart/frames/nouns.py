@@ -30,10 +30,10 @@ MAIN = "main"
 IMPORTED = "import"
 """The simulator's name in an imported bank."""
 
-Made = Literal["rendered", "staged", "edited", ""]
+Provenance = Literal["rendered", "staged", "edited", ""]
 """How control pictures were made: drawn by a world, photographed of things that were moved, or
 edited into photographs; "" where nobody said."""
-MADE: tuple[Made, ...] = ("rendered", "staged", "edited")
+MADE: tuple[Provenance, ...] = ("rendered", "staged", "edited")
 PATCHED = "patched"
 """The control picture that only an edit makes."""
 
@@ -351,7 +351,7 @@ class BankManifest:
     span: tuple[float, float] | None = None
     strata: Mapping[str, Mapping[str, Scalar]] = field(default_factory=dict)
     added: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    made: Made = ""
+    made: Provenance = ""
     edit: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -364,7 +364,7 @@ class BankManifest:
             raise BankError(f"distances are drawn from one above 0 to a greater one, not from {self.span}")
 
     @property
-    def provenance(self) -> Made:
+    def provenance(self) -> Provenance:
         """Return how the control pictures were made; a simulator rendered them."""
         return self.made or ("" if self.simulator == IMPORTED else "rendered")
 

@@ -27,8 +27,8 @@ from eyechart.frames import (
     Frame,
     FrameBank,
     Gap,
-    Made,
     MirrorAxis,
+    Provenance,
     Scalar,
     alone,
     decode,
@@ -52,7 +52,7 @@ from eyechart.importing.cells import (
     read_step,
     read_truth,
 )
-from eyechart.importing.edit_record import EditRecord, read_edit
+from eyechart.importing.edit_record import RecordedEdit, read_edit
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import given_name
 from eyechart.importing.logged_rotations import LoggedRows, Of, tell_turned
@@ -129,8 +129,8 @@ class Choices:
     keep_repeats: bool = False
     numerals: Numerals = field(default_factory=Numerals)
     strip: str = ""
-    made: Made = ""
-    edit: EditRecord | None = None
+    made: Provenance = ""
+    edit: RecordedEdit | None = None
     wrong: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -320,7 +320,7 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     )
 
 
-def _require_patched(images: Mapping[str, bytes], patched: Mapping[str, bytes], where: str, made: Made) -> None:
+def _require_patched(images: Mapping[str, bytes], patched: Mapping[str, bytes], where: str, made: Provenance) -> None:
     """Raise SourceError if a patched picture is the true one, or if nothing is said to be edited."""
     if patched and made in {"rendered", "staged"}:
         raise SourceError(f"{where}: a picture of the kind '{PATCHED}' is edited, but --made says {made}")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import msgspec
 
 from eyechart.errors import SourceError, raising, text_file
-from eyechart.frames import Made
+from eyechart.frames import Provenance
 
 RECORD = "edit.json"
 """The file of the record, in the folder of the table."""
@@ -22,7 +22,7 @@ class RefusedPicture(msgspec.Struct, frozen=True):
     reason: str
 
 
-class EditRecord(msgspec.Struct, frozen=True):
+class RecordedEdit(msgspec.Struct, frozen=True):
     """What an edit made: its method, counts by picture, refusals, and the SHA-256 of each file."""
 
     made: Literal["edited"]
@@ -33,7 +33,7 @@ class EditRecord(msgspec.Struct, frozen=True):
     digests: dict[str, str]
     scales: dict[str, tuple[float, float]] = {}
 
-    def agreed(self, said: Made, table: Path) -> Made:
+    def agreed(self, said: Provenance, table: Path) -> Provenance:
         """Return that its pictures are edited; raises SourceError if something else was ``said``."""
         if said not in {"", self.made}:
             raise SourceError(
@@ -57,10 +57,10 @@ class EditRecord(msgspec.Struct, frozen=True):
             raise SourceError(f"'{file}' is not the picture that {RECORD} names: its SHA-256 differs")
 
 
-def read_edit(folder: Path) -> EditRecord | None:
+def read_edit(folder: Path) -> RecordedEdit | None:
     """Read the record in the folder of a table, None without one; raises SourceError if it is damaged."""
     path = folder / RECORD
     if not path.exists():
         return None
     with raising(SourceError, f"{path} is no record of an edit", of=(OSError, msgspec.MsgspecError, RecursionError)):
-        return msgspec.json.decode(text_file(path).read_bytes(), type=EditRecord)
+        return msgspec.json.decode(text_file(path).read_bytes(), type=RecordedEdit)

@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 from eyechart.errors import BankError, SourceError, plain_file, raising, whole_number
 from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
-from eyechart.importing.edit_record import EditRecord
+from eyechart.importing.edit_record import RecordedEdit
 
 _MOST_NAME = 1_000
 
@@ -42,7 +42,7 @@ class Photographs:
     convert: Convert | None = None
     done: Counter[str] = field(default_factory=Counter)
     strip: str = ""
-    edit: EditRecord | None = None
+    edit: RecordedEdit | None = None
 
     @cached_property
     def _home(self) -> Path:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from eyechart.frames import Made
+from eyechart.frames import Provenance
 from eyechart.integrity import Guard
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.early_verdicts import StoppingPoint
@@ -43,7 +43,7 @@ class Evidence:
     absent: tuple[str, ...] = ()
     part: bool = False
     bank: str = "BANK"
-    made: Made = "rendered"
+    made: Provenance = "rendered"
     run: str = "RUN"
 
     @property

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eyechart.conditions import BATTERY
-from eyechart.frames import Made
+from eyechart.frames import Provenance
 from eyechart.integrity import Guard, unfinished
 from eyechart.records import KeyedRecord
 from eyechart.stats.episode_permutation import episodes_needed
@@ -76,7 +76,7 @@ class Verdict(KeyedRecord):
     holes: tuple[Place, ...] = ()
     open_to: tuple[str, ...] = ()
     numbers: tuple[DepthNumber, ...] = ()
-    made: Made = "rendered"
+    made: Provenance = "rendered"
 
     @property
     def rests_on_controls(self) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.frames import Frame, Gap, Made
+from eyechart.frames import Frame, Gap, Provenance
 from eyechart.run import Plan
 from eyechart.spaces.space import UNPARSED, AnySpace, Decision
 from eyechart.verdicts import DECIDED
@@ -52,7 +52,7 @@ class Answers:
     finished: int = 0
     no_gap: str = NO_GAP
     told: bool = False
-    made: Made = "rendered"
+    made: Provenance = "rendered"
 
     def under(self, conditions: Collection[str]) -> "Answers":
         """Return the decisions under some conditions alone; ``finished`` still counts all calls."""

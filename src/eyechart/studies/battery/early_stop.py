@@ -11,7 +11,7 @@ from functools import cached_property
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.conditions import CONTROLS, FURTHER, RANGED, shuffled_order
-from eyechart.frames import BankManifest, Frame, Gap, Made
+from eyechart.frames import BankManifest, Frame, Gap, Provenance
 from eyechart.ledger import Ledger
 from eyechart.run import Plan, Stages
 from eyechart.spaces.discrete import Discrete
@@ -79,16 +79,16 @@ class _ClaimStatistics(dict[str, Statistic]):
 
 
 @dataclass(frozen=True)
-class Photographs:
+class UnrenderedBank:
     """How control pictures were made, and what the test of the photographs as taken needs."""
 
-    made: Made
+    made: Provenance
     gap: Gap | None
     independent: bool
     seed: int
 
     @classmethod
-    def of(cls, bank: BankManifest, seed: int) -> "Photographs | None":
+    def of(cls, bank: BankManifest, seed: int) -> "UnrenderedBank | None":
         """Return those of a bank; None where its control pictures are rendered."""
         if bank.provenance == "rendered":
             return None
@@ -110,7 +110,7 @@ class QuestionOrder:
     asked: Mapping[str, tuple[str, ...]]
     space: Discrete
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    photographs: "Photographs | None" = None
+    photographs: "UnrenderedBank | None" = None
 
     @cached_property
     def shown(self) -> frozenset[str]:
@@ -369,7 +369,7 @@ def layout_for(plan: Plan, model: str) -> QuestionOrder:
         asked[key.frame].append(key.condition)
     by_frame = {frame: tuple(names) for frame, names in asked.items()}
     layout = layout_of(plan.frames, by_frame, plan.bank.manifest.action_space, plan.seed)
-    return replace(layout, photographs=Photographs.of(plan.bank.manifest, plan.seed))
+    return replace(layout, photographs=UnrenderedBank.of(plan.bank.manifest, plan.seed))
 
 
 class EarlyStop(Stages):
