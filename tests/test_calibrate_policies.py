@@ -61,7 +61,7 @@ def test_an_untrue_label_is_counted_against_the_rules() -> None:
     assert not tried.missed
     assert LabelCounts(BASE, {"ignores_camera": 3}, 100).missed
     assert LabelCounts(replace(BASE, share=0.05), {"ignores_camera": 100}, 100).false is None
-    assert replace(BASE, share=0.02).false == {"camera_content", "pose_only", "camera_presence"}
+    assert replace(BASE, share=0.02).false == {"camera_content", "uses_camera", "pose_only", "camera_presence"}
 
 
 def test_where_few_episodes_respond_nothing_untrue_is_said_of_the_data_set() -> None:

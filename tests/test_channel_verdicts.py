@@ -8,7 +8,7 @@ from eyechart.gate import hold_policies
 from eyechart.stats.risk_bounds import share_bound
 from eyechart.stats.shares import LogDistance, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.labels import STATE
+from eyechart.verdicts.labels import CAMERA, STATE, meets
 from eyechart.verdicts.policy_rules import of_camera, of_state
 from eyechart.verdicts.policy_verdict import REQUIREMENTS, judge_policy
 from eyechart.verdicts.share_predicates import MissingConditions
@@ -46,8 +46,21 @@ def _near_its_pose(coloured: Statistic) -> dict[str, Statistic | None]:
         ({"follow": TOO_FEW}, "camera_content", "below seven episodes"),
         ({"named": UNFOLLOWED}, "camera_content", "because it is named is not shown"),
         ({"matched": IGNORED}, "pose_only", "it reads what its state tells too"),
-        ({"matched": None}, "undecided", "no state to match by"),
-        ({"matched": OPEN}, "undecided", "where the state is alike"),
+        ({"matched": None}, "uses_camera", "no state to match by"),
+        ({"matched": OPEN}, "uses_camera", "where the state is alike"),
+        ({"matched": None, "swap": OPEN}, "undecided", "more episodes make it shorter"),
+        (
+            {"matched": None, "swap": share(0.0200001, 0.3)},
+            "uses_camera",
+            "whether it tells more than the pose is open",
+        ),
+        ({"matched": None, "swap": share(0.02, 0.3)}, "undecided", "more episodes make it shorter"),
+        ({"matched": None, "swap": share(0.0300001, 0.5, p=0.01)}, "uses_camera", "no state to match by"),
+        ({"matched": None, "swap": share(0.03, 0.5, p=0.01)}, "undecided", "no state to match by"),
+        ({"matched": None, "swap": share(0.031, 0.5, p=0.011)}, "undecided", "by chance (p 0.011)"),
+        ({"matched": None, "swap": share(0.021, 0.5, episodes=6)}, "uses_camera", "no state to match by"),
+        ({"matched": None, "swap": share(0.021, 0.5, episodes=5)}, "undecided", "5 episodes bound nothing"),
+        ({"matched": OPEN, "swap": IGNORED}, "undecided", "where the state is alike"),
         ({"swap": OPEN}, "undecided", "more episodes make it shorter"),
         ({"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}, "ignores_camera", "could be unplugged"),
         ({"swap": IGNORED, "matched": None, "blank": IGNORED}, "ignores_camera", "could be unplugged"),
@@ -58,7 +71,7 @@ def _near_its_pose(coloured: Statistic) -> dict[str, Statistic | None]:
         ({"swap": share(0.021, 0.5, p=0.01)}, "object_grounded", ""),
         ({"swap": share(0.0, 0.05, episodes=5)}, "undecided", "5 episodes bound nothing"),
         ({"swap": None}, "undecided", "did not ask"),
-        (_near_its_pose(share(0.029, 0.5)), "undecided", "it may read its own pose"),
+        (_near_its_pose(share(0.029, 0.5)), "uses_camera", "it may read its own pose"),
         (_near_its_pose(share(0.031, 0.5)), "camera_content", "moves no object"),
     ],
 )
@@ -212,6 +225,8 @@ def test_a_channel_that_changes_not_one_bit_is_ignored_and_may_not_be_connected(
         ({}, "object_grounded", "Yes", 0),
         ({"follow": None}, "camera_content", "Yes", 0),
         ({"matched": IGNORED}, "pose_only", "In part", 0),
+        ({"matched": None}, "uses_camera", "In part", 0),
+        ({"matched": None, "swap": OPEN}, "undecided", "Inconclusive", 2),
         ({"swap": IGNORED, "matched": IGNORED}, "camera_presence", "No", 1),
         ({"swap": IGNORED, "matched": IGNORED, "blank": IGNORED}, "ignores_camera", "No", 1),
         ({"swap": NOT_ONE_BIT, "matched": NOT_ONE_BIT, "blank": NOT_ONE_BIT}, "ignores_camera", "No", 1),
@@ -230,12 +245,49 @@ def test_whether_it_looks_is_answered_and_may_be_required(
     assert hold_policies({"m": found}, ["looks"], {"m": 3}).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("wanted", "holds"),
+    [
+        ("looks", True),
+        ("camera:uses_camera", True),
+        ("camera:object_grounded", None),
+        ("camera:camera_content", None),
+        ("camera:pose_only", None),
+        ("camera:camera_presence", False),
+        ("camera:ignores_camera", False),
+    ],
+)
+def test_a_camera_of_which_the_use_is_open_looks_and_shows_no_content(
+    wanted: str,
+    holds: bool | None,  # noqa: FBT001 - a case
+) -> None:
+    """What it may be besides is neither given nor refuted, and what is open is printed; less than a use is refuted."""
+    why = "60 of 72 frames have no frame of another episode at a similar state"
+    found = verdict(matched=None, asked=MissingConditions(lacking={"matched@cameras": why}))
+    assert found.camera.label == "uses_camera"
+    (check,) = hold_policies({"m": found}, [wanted], {}).checks
+    assert check.holds is holds
+    assert "whether it tells more than the pose is open" in check.because
+    assert why in check.because
+
+
+def test_noise_buys_no_use_of_a_camera() -> None:
+    """Who reads its pose and is noisy claims no more than who does not; who uses nothing is noisy and gets no use."""
+    wide = share(0.0, 0.3)
+    steady, noisy = verdict(matched=IGNORED).camera, verdict(matched=wide).camera
+    assert (steady.label, noisy.label) == ("pose_only", "uses_camera")
+    assert CAMERA[noisy.label].rank == CAMERA[steady.label].rank
+    assert not set(meets(noisy.label, CAMERA)) - {"uses_camera"} - set(meets(steady.label, CAMERA))
+    assert verdict(swap=wide, matched=wide, blank=wide).camera.label == "undecided"
+
+
 def test_what_may_be_required_of_a_policy_is_read_from_the_rows() -> None:
     """A stronger label meets a weaker one where its row says so, and looks by its answer."""
     assert REQUIREMENTS["camera:camera_content"] == "the camera label is object_grounded or camera_content"
-    assert REQUIREMENTS["looks"] == "the camera label is object_grounded or camera_content or pose_only"
+    looks = "the camera label is object_grounded or camera_content or uses_camera or pose_only"
+    assert REQUIREMENTS["looks"] == looks
     assert REQUIREMENTS["state:state_used"] == "the state label is state_used"
-    assert len(REQUIREMENTS) == 11
+    assert len(REQUIREMENTS) == 12
 
 
 def test_a_gate_cannot_say_whether_an_object_is_followed_that_nobody_moved() -> None:
@@ -348,7 +400,7 @@ def test_few_episodes_with_pictures_of_their_own_are_named() -> None:
     """Not as a difference that is not settled."""
     few = {"beyond@cameras": share(0.5, 2.0, episodes=5), "T.near@cameras": share(0.1, 0.3), "follow": None}
     found = verdict(**few).camera
-    assert found.label == "undecided"
+    assert found.label == "uses_camera"
     assert "5 episodes bound nothing; 6 are the least" in found.because
     assert "not settled" not in found.because
 
@@ -374,10 +426,10 @@ def test_what_a_bank_cannot_show_is_said_as_it_is() -> None:
     """No picture of the own episode is no control passed; one reason of a bank is not given for another."""
     why = "128 of 128 frames have no frame of another episode at a similar state"
     open_match = verdict(matched=None, asked=MissingConditions(lacking={"matched@cameras": why})).camera
-    assert open_match.label == "undecided"
+    assert open_match.label == "uses_camera"
     assert why in open_match.because
     alone = verdict(**UNCONTROLLED, asked=MissingConditions(lacking={"near@cameras": "12 frames are alone"})).camera
-    assert alone.label == "undecided"
+    assert alone.label == "uses_camera"
     assert "12 frames are alone" in alone.because
     few = "9 frames have no frame of another episode that differs there"
     told = verdict(told=None, asked=MissingConditions(lacking={"swapped@instruction": few})).instruction
@@ -389,11 +441,13 @@ def test_what_a_bank_cannot_show_is_said_as_it_is() -> None:
     [
         ("camera", {"swap": losing(USED, 0.10)}, "object_grounded"),
         ("camera", {"swap": losing(USED, 0.11)}, "undecided"),
-        ("camera", {"matched": losing(USED, 0.11)}, "undecided"),
+        ("camera", {"matched": losing(USED, 0.11)}, "uses_camera"),
+        ("camera", {"matched": None, "swap": losing(USED, 0.10)}, "uses_camera"),
+        ("camera", {"matched": None, "swap": losing(USED, 0.11)}, "undecided"),
         ("camera", {**GONE, "swap": losing(IGNORED, 0.11)}, "undecided"),
         ("camera", {**GONE, "matched": losing(IGNORED, 0.11)}, "undecided"),
         ("camera", {**GONE, "blank": losing(IGNORED, 0.11)}, "undecided"),
-        ("camera", {"follow": None, "beyond@cameras": losing(USED, 0.11)}, "undecided"),
+        ("camera", {"follow": None, "beyond@cameras": losing(USED, 0.11)}, "uses_camera"),
         ("camera", {"named": losing(FOLLOWED, 0.11)}, "camera_content"),
         ("state", {"state": losing(USED, 0.11)}, "undecided"),
         ("state", {"state": losing(IGNORED, 0.11)}, "undecided"),
@@ -409,7 +463,7 @@ def test_a_condition_of_which_many_calls_hold_no_motion_says_nothing(
     """Who declines one kind of question is judged by no rest of it, and the share is said."""
     judged = getattr(verdict(**changed), axis)
     assert judged.label == label
-    if label == "undecided":
+    if any(isinstance(one, Share) and one.lost == 0.11 for one in changed.values()) and label != "camera_content":
         assert "11% of its calls hold no motion" in judged.because
 
 
@@ -417,7 +471,7 @@ def test_a_pose_is_read_where_pictures_are_used_at_all() -> None:
     """Moments with a match at a similar state may be those in which nothing is looked at."""
     few = Share(0.0, 34, (0.0, 0.01), episodes=12)
     found = verdict(**{"matched": few, "swapped.alike@cameras": IGNORED}).camera
-    assert found.label == "undecided"
+    assert found.label == "uses_camera"
     assert "(34 of 72 moments have one)" in found.because
     found = verdict(**{"matched": few, "swapped.alike@cameras": USED}).camera
     assert (found.label, "(34 of 72 moments have one)" in found.because) == ("pose_only", True)
@@ -439,7 +493,7 @@ CARRIED = Share(0.05, 72, (0.0, 0.099), episodes=12, carried={"grip": 0.84, "ste
 def test_a_mean_hides_no_number(axis: str, changed: dict[str, Statistic | None]) -> None:
     """A gripper, or the last step, that goes with a channel is not ignored because the rest does not."""
     judged = getattr(verdict(**changed), axis)
-    assert judged.label == "undecided"
+    assert judged.label == ("uses_camera" if changed.keys() == {"matched"} else "undecided")
     assert "grip (T 0.84), step 8 (T 0.20)" in judged.because
     assert "unplugged" not in judged.because
 
@@ -468,7 +522,7 @@ def test_no_absence_is_said_against_a_picture_that_is_used(name: str, words: str
 def test_an_object_that_is_followed_is_seen() -> None:
     """Whatever other episodes' pictures change."""
     assert verdict(**GONE, follow=FOLLOWED).camera.label == "undecided"
-    assert verdict(matched=IGNORED, follow=FOLLOWED).camera.label == "undecided"
+    assert verdict(matched=IGNORED, follow=FOLLOWED).camera.label == "uses_camera"
 
 
 def test_noise_is_a_remark_and_no_label() -> None:

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import CallKey, Reply, read_in
 from eyechart.costs import ALL, Account, Book, estimate
 from eyechart.errors import SpecError
 from eyechart.ledger import UNKNOWN, SentAttempt
@@ -32,7 +32,7 @@ def reply(text: str = "SLOW", **fields: object) -> Reply:
 
 def accounts(sent: list[SentAttempt], prices: Prices = PRICES) -> dict[str, Account]:
     """Return the accounts of these attempts."""
-    book = Book(MODE, DRIVING, prices)
+    book = Book(MODE, read_in(DRIVING), prices)
     for attempt in sent:
         book.add(attempt)
     return book.accounts()

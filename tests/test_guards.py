@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import pytest
 
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import CallKey, Reply, read_in
 from eyechart.costs import ALL, Book
 from eyechart.integrity import Guard, GuardChecks
 from eyechart.ledger import SentAttempt
@@ -39,7 +39,7 @@ def sent_with(say: Say = fine, frames: int = 10) -> list[SentAttempt]:
 
 def guards(sent: list[SentAttempt], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
     """Return every guard of these attempts."""
-    checks, book = GuardChecks(mode, DRIVING), Book(mode, DRIVING, read_prices())
+    checks, book = GuardChecks(mode, read_in(DRIVING)), Book(mode, read_in(DRIVING), read_prices())
     for attempt in sent:
         checks.add(attempt)
         book.add(attempt)

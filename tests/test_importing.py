@@ -492,6 +492,7 @@ def test_a_wrong_word_on_the_command_line_is_one_line_and_exit_2(
         ("actions = [", "is no TOML file"),
         ("name = 'x'", "no actions"),
         ("actions = ['A', 'B']\nsteer = 1", "an action space has no 'steer'"),
+        ("actions = ['A', 'B']\n[answer]\nfields = []", "stands in the file of a prompt (--prompt FILE.toml)"),
         ("actions = ['A', 'B']\nbrake = ['C']", "brake names 'C'"),
         ("actions = ['A']", "needs two or more different actions"),
         ("actions = ['A', 'B']\nmirror_pairs = ['AB', 3]", "mirror_pairs"),

@@ -55,6 +55,7 @@ FLOORS = {
         "eyechart.models.event_stream",
         "eyechart.models.energy",
         "eyechart.models.sources",
+        "eyechart.models.batches",
         "eyechart.models.python_callable",
         "eyechart.models.policy_callable",
     ),
@@ -77,9 +78,9 @@ FLOORS = {
     ),
 }
 """Inside a package whose modules are peers, only its floor is shared: for statistics, tables of counts and rates; for
-models, a request, what is streamed, energy and the files of callables; for simulators, the forward camera, how a
-balanced bank is planned and written, and the road of rover and drone; for studies, the battery, the drives that others
-are scored with, and what a probe needs of each."""
+models, a request, what is streamed, energy, and the files and batches of callables; for simulators, the forward camera,
+how a balanced bank is planned and written, and the road of rover and drone; for studies, the battery, the drives that
+others are scored with, and what a probe needs of each."""
 
 ASSEMBLED = {
     "api",

@@ -20,7 +20,7 @@ from eyechart.verdicts.policy_rules import INSTRUCTION, STATE, camera_axis
 from eyechart.verdicts.policy_verdict import GUARDING, UNGUARDED, reaching
 from eyechart.verdicts.rules import Axis, Clause, Reading
 from eyechart.verdicts.share_predicates import ShareStatistics, as_read
-from policy_evidences import RECORDED, SINGLES, Numbers, is_read_otherwise, said_of, verdict_of, words_of
+from policy_evidences import RECORDED, SINGLES, Numbers, is_read_otherwise, label_then, said_of, verdict_of, words_of
 
 OLD: dict[str, list[str]] = json.loads((Path(__file__).parent / "old_rulings_policies.json").read_text("utf-8"))
 """Digests of what the rules said of blocks of 1000 evidences when they were functions and no rows.
@@ -64,7 +64,7 @@ def first_said(axis: str) -> tuple[list[str], int, Counter[str]]:
         statistics, verdict = verdict_of(rng, axis, made)
         if is_read_otherwise(statistics):
             read += 1
-            found.update(f"{name}: {one.label}" for name, one in verdict.axes.items())
+            found.update(f"{name}: {label_then(one.label)}" for name, one in verdict.axes.items())
         return words_of(statistics, verdict)
 
     return list(digests(say, RECORDED[axis], 1)), read, found

@@ -1,5 +1,7 @@
 """Rotations: one pose is one motion in every representation, whatever the sign and the wrap of its numbers."""
 
+from collections.abc import Mapping
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -147,3 +149,17 @@ def test_the_doctor_finds_a_policy_of_rotations_well(reports: Reports) -> None:
     """A policy whose quaternions have other signs than the log has its size and its units."""
     found = examine_policy(reports["quat_xyzw"].path.parent / "bank", rotated_policy("quat_xyzw"))
     assert [one for one in found.findings if one.fine is False] == []
+
+
+def test_the_doctor_takes_a_quaternion_and_its_negative_for_one_answer(reports: Reports) -> None:
+    """Who alternates between them answers alike, and does not draw."""
+    policy, calls = rotated_policy("quat_xyzw"), count()
+
+    def alternating(images: Mapping[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+        return policy(images, state, instruction) * np.r_[1, 1, 1, [(-1) ** next(calls)] * 4]
+
+    findings = examine_policy(reports["quat_xyzw"].path.parent / "bank", alternating).findings
+    found = {one.name: one for one in findings}
+    assert found["same"].fine is True
+    assert "the same frame gets the same answer" in found["same"].says
+    assert found["cameras"].fine is True

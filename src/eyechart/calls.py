@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from types import MappingProxyType
@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 from eyechart.frames import Stimulus
 from eyechart.messages import Turn
 from eyechart.seeds import key_seed
-from eyechart.spaces.space import ending
+from eyechart.spaces.space import AnySpace, Decision, ending
 
 ErrorKind = Literal[
     "exception",
@@ -368,3 +368,12 @@ class CallKey(NamedTuple):
     def seed(self, run_seed: int) -> int:
         """Return a 63-bit seed that depends only on this key and the run's seed."""
         return key_seed(run_seed, *map(str, self))
+
+
+DecisionReader = Callable[[CallKey, Reply], Decision[Any]]
+"""Reads a call's reply as a decision; the call says which frame's own names it may hold."""
+
+
+def read_in(space: AnySpace) -> DecisionReader:
+    """Return the reader of replies in one space, whatever the call."""
+    return lambda _, reply: space.read(reply)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
+from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, UNKNOWN, Ledger, SentAttempt
 from eyechart.models.prices import Prices
@@ -78,10 +78,10 @@ class Account(JsonRecord):
 
 
 class Book:
-    """Adds up attempts one by one, in the order of sending; ``space`` reads their replies."""
+    """Adds up attempts one by one, in the order of sending; ``read`` reads their replies."""
 
-    def __init__(self, mode: RequestMode, space: AnySpace, prices: Prices) -> None:
-        self._mode, self._space, self._prices = mode, space, prices
+    def __init__(self, mode: RequestMode, read: DecisionReader, prices: Prices) -> None:
+        self._mode, self._decide, self._prices = mode, read, prices
         self._pages: defaultdict[str, _ConditionSums] = defaultdict(_ConditionSums)
 
     def add(self, one: SentAttempt) -> None:
@@ -101,7 +101,7 @@ class Book:
                 page.pending.add(one.key)
         else:
             page.pending.discard(one.key)
-            page.finish(one.key, reply, self._space.read(reply).missing or "")
+            page.finish(one.key, reply, self._decide(one.key, reply).missing or "")
         cost, how = self._prices.cost(self._mode, reply)
         page.cost_from[how] += 1
         page.take(reply, cost)
@@ -211,7 +211,7 @@ class UnreadReply(JsonRecord):
     text: str
 
 
-def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[UnreadReply, ...]:
+def unread(ledger: Ledger, model: str, space: AnySpace, read: DecisionReader) -> tuple[UnreadReply, ...]:
     """Return a model's distinct replies without an error or a decision, most frequent first.
 
     The last reply of a call counts, as in its Account. Beyond a thousand distinct ones, the rest is
@@ -220,8 +220,8 @@ def unread(ledger: Ledger, model: str, space: AnySpace) -> tuple[UnreadReply, ..
     """
     of_policy = space.who == "policy"
     found: Counter[tuple[Missing, str | None, str]] = Counter()
-    for _, reply in ledger.replies(model):
-        decision = space.read(reply)
+    for key, reply in ledger.replies(model):
+        decision = read(key, reply)
         if decision.missing is None or (reply.error is not None and not of_policy):
             continue
         why, text = decision.why, require_motions(space).lacks(reply) if of_policy else reply.text

@@ -24,7 +24,7 @@ from eyechart.verdicts import (
 from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
 from eyechart.verdicts.depth import is_refuted
-from eyechart.verdicts.labels import LOOKS, meets
+from eyechart.verdicts.labels import LOOKS, UseLabel, meets
 from eyechart.verdicts.policy_verdict import AXES, PolicyVerdict
 from eyechart.verdicts.policy_verdict import REQUIREMENTS as OF_POLICIES
 from eyechart.verdicts.ruling import Ruling
@@ -166,13 +166,18 @@ def hold_policies(
             if verdict.guards or open_calls.get(spec):
                 holds = None
                 because = verdict.because if verdict.guards else f"{open_calls[spec]} calls are unfinished"
-            elif not holds and (known[found.label].is_open or wanted == found.may_be):
+            elif not holds and (_is_open_to(known, found.label, wanted) or wanted == found.may_be):
                 holds = None
                 why = found.why_not if found.may_be else ""
                 because = f"{because} {why[0].upper()}{why[1:]}." if why else because
             kept = [one for one in (guards or {}).get(spec, ()) if isinstance(one, ServedGuard) and not one.holds]
             checks.append(_marked(Check(spec, name, holds, because), kept, terms))
     return Gate(tuple(checks))
+
+
+def _is_open_to(known: Mapping[str, UseLabel], label: str, wanted: str) -> bool:
+    """Return whether a label of an axis neither shows nor refutes what is wanted."""
+    return known[label].leaves_open(known[wanted]) if wanted in known else known[label].is_open
 
 
 def _require_battery(terms: Terms) -> None:

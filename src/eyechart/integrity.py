@@ -11,11 +11,11 @@ from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
 
-from eyechart.calls import UNFINISHED, CallKey, Emptiness, Reply
+from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, SentAttempt
 from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, made_elsewhere
-from eyechart.spaces.space import AnySpace, ending
+from eyechart.spaces.space import ending
 from eyechart.stats.forced_choice import fewer_p
 
 FEWEST = 8
@@ -209,12 +209,12 @@ def names_of(reply: Reply) -> tuple[str | None, str | None, str | None]:
 class GuardChecks:
     """Checks attempts one by one, in the order of sending, without keeping them.
 
-    The ``space`` reads replies, to find decisions that never differ in differing words.
+    ``read`` reads replies, to find decisions that never differ in differing words.
     """
 
-    def __init__(self, mode: RequestMode, space: AnySpace) -> None:
+    def __init__(self, mode: RequestMode, read: DecisionReader) -> None:
         self._mode = mode
-        self._space = space
+        self._read = read
         self._decided: Counter[str] = Counter()
         self._outcomes = _Outcomes()
         self._repeats = _Repeats(_alone(mode))
@@ -236,12 +236,12 @@ class GuardChecks:
         if len(self._texts) < _TEXTS_KEPT:
             self._texts.add(reply.text.strip())
         if len(self._decided) < 2:  # two different ones are enough
-            found = self._space.read(reply).action
+            found = self._read(one.key, reply).action
             self._decided.update([] if found is None else [str(found)])
         if reply.prompt_tokens:
             self._tokens[one.key.condition][f"{one.key.prompt} {one.key.frame}"] = reply.prompt_tokens
         if one.key.condition in {"real", "real_repeat"}:
-            told = self._space.read(reply).action if self._repeats.alone else None
+            told = self._read(one.key, reply).action if self._repeats.alone else None
             self._repeats.add(one.key.frame, reply, "" if told is None else str(told))
 
     def guards(self, planned: Iterable[CallKey], fingerprint: str, counted: str) -> tuple[Guard, ...]:

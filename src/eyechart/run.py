@@ -16,6 +16,7 @@ from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Pace, RunOutcome
 from eyechart.models import Model
+from eyechart.models.batches import at_once
 from eyechart.models.faults import is_of_the_road
 from eyechart.perception.view import View, through
 from eyechart.prompts import Prompt
@@ -321,11 +322,12 @@ class _Execution:
 
     async def _ask(self, spec: str, todo: Sequence[CallKey]) -> None:
         """Make a model's calls, stage by stage."""
-        pace = Pace(self.concurrency)
+        workers = at_once(self.models[spec].facts, self.concurrency)
+        pace = Pace(workers)
         while True:
             queue = iter(todo) if self.stages is None else self.stages.queue(spec, todo)
             async with asyncio.TaskGroup() as group:
-                for _ in range(self.concurrency if todo else 0):
+                for _ in range(workers if todo else 0):
                     group.create_task(self._work(queue, self.models[spec], pace))
             todo = () if self.stages is None else self.stages.more(spec)
             if not todo:

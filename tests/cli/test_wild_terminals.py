@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.calls import CallKey, Reply
+from eyechart.calls import CallKey, Reply, read_in
 from eyechart.cli.terminal import print_each, print_line, say
 from eyechart.costs import unread
 from eyechart.ledger import Ledger
@@ -153,7 +153,7 @@ REPLIES = [("Brake!", None), ("Brake!", None), ("\x1b[31mLEFT or RIGHT\x07", Non
 def test_unread_replies_are_listed_with_their_counts(kept_replies: Path) -> None:
     """Each different reply once, most frequent first and printable; neither errors nor what is read."""
     with Ledger(kept_replies) as ledger:
-        found = unread(ledger, "m", DRIVING)
+        found = unread(ledger, "m", DRIVING, read_in(DRIVING))
     assert [(one.count, one.missing) for one in found] == [(2, "unparsed"), (1, "unparsed")]
     assert found[0].text == "Brake!"
     assert found[1].text.isprintable()

@@ -118,6 +118,46 @@ def test_numbers_that_are_plainly_a_rotation_are_asked_about(tmp_path: Path, how
     assert not space.rotations
 
 
+def test_rotations_of_other_counts_are_named_as_compared_alone(tmp_path: Path) -> None:
+    """A motion of one and a state of none that is declared; where both have one, nothing is said."""
+    posed(tmp_path / "set", "quat_xyzw")
+    state, action = both("quat_xyzw", 7)
+    paired = bank_of(tmp_path / "set", state, action)
+    assert not any("belong to none" in line for line in costs(paired))
+    (tmp_path / "two").mkdir()
+    posed(tmp_path / "two" / "set", "rot6d")
+    bank = bank_of(tmp_path / "two" / "set", f"{STATE}[3:9]=rot6d", f"{STATE}[0:3]=axis_angle", "action[3:9]=rot6d")
+    space = bank.manifest.motion
+    assert space is not None
+    assert [one.state for one in space.rotations_of("motion")] == [None]
+    (line,) = (line for line in costs(bank) if "belong to none" in line)
+    assert line.startswith("the motion has 1 rotation and the state 2: 1 belong to none of the state's")
+
+
+def test_a_quaternion_that_turns_about_one_axis_is_asked_about() -> None:
+    """Two of its numbers are zero in every row, and two readings are missing; zeros and ones alone are none."""
+    turns = np.linspace(0.1, 2.8, 40)
+    zero = np.zeros(40)
+    places: Places = {"motion": [("action", place) for place in range(4)], "state": []}
+    names: Names = {"motion": ["a", "b", "c", "d"], "state": []}
+
+    def of(rows: np.ndarray) -> LoggedRows:
+        return LoggedRows.of([MotionSegment(rows, np.zeros((40, 0)))], places, names)
+
+    about_z = np.stack([zero, zero, np.sin(turns / 2), np.cos(turns / 2)], axis=1)
+    with pytest.raises(SpecError, match=r"action\[0:4\] look like a rotation \(quat_xyzw\)"):
+        of(about_z).rotations([])
+    missing = about_z.copy()
+    missing[[3, 17]] = 0.0
+    with pytest.raises(SpecError, match=r"action\[0:4\] look like a rotation"):
+        of(missing).rotations([])
+    missing[:20] = 0.0
+    assert of(missing).rotations([]) == ()
+    one_hot = np.eye(4)[np.arange(40) % 4]
+    assert of(one_hot).rotations([]) == ()
+    assert of(about_z * [1, 1, 1, 0.9]).rotations([]) == ()
+
+
 def test_a_quaternion_whose_names_say_that_w_is_first_is_asked_about_as_that(tmp_path: Path) -> None:
     """And the other order is refused."""
     posed(tmp_path / "set", "quat_wxyz", names=["x", "y", "z", "qw", "qx", "qy", "qz"])

@@ -202,6 +202,7 @@ def test_what_it_declares_of_itself_is_kept_or_refused(monkeypatch: pytest.Monke
         "reset": (3, "a function that takes nothing"),
         "step": (-1, "a whole number from 0 on"),
         "history": (-1, "a whole number from 0 to 50, of instants before the frame: LeRobot's n_obs_steps less 1"),
+        "batch": (0, "a whole number from 1 to 1024: it then takes and returns lists of so many or fewer"),
     }
     assert wrong.keys() == DECLARED.keys()
     for name, (value, words) in wrong.items():

@@ -3,17 +3,23 @@
 import asyncio
 import json
 import re
+from collections.abc import Mapping
 from functools import partial
+from itertools import product
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from arm_logs import arm_bank
+from eyechart.api import examine_policy as examine
 from eyechart.cli.app import app
 from eyechart.cli.terminal import patience
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import FrameBank
+from eyechart.importing import Choices, import_table, read_rig
 from eyechart.probe.policies import MOST_CALLS, PolicyDiagnosis, _ProbeFrames, examine_policy
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import MotionSpace
@@ -23,6 +29,33 @@ from eyechart.spaces.motion import MotionSpace
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     """Return a small tabletop."""
     return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("doctor") / "bank", seeds=(0,), steps=4)
+
+
+def gripping(folder: Path) -> FrameBank:
+    """Return a bank of an arm that closes its gripper, by a positive sign, once it is near."""
+    lines = ["front,drive,step,x,ax,grip"]
+    for drive, step in product(range(6), range(10)):
+        x = 1 - 0.1 * step + 0.01 * drive
+        Image.fromarray(np.full((6, 8, 3), 40 + 10 * step + drive, np.uint8)).save(folder / f"{drive}-{step}.png")
+        lines.append(f"{drive}-{step}.png,{drive},{step},{x:.3f},{-0.1 - 0.01 * step:.3f},{1 if x < 0.6 else -1}")
+    (folder / "t.csv").write_text("\n".join(lines))
+    numbers = "".join(f'[[motion.number]]\ncolumn = "{name}"\n' for name in ("ax", "grip"))
+    camera = '[[camera]]\nname = "front"\ncolumn = "front"\n[state]\narm = ["x"]\n'
+    (folder / "rig.toml").write_text(f'{camera}[motion]\nhorizon = 2\nkind = "delta"\nrate_hz = 10\n{numbers}')
+    return import_table(folder, folder / "t.csv", folder / "bank", Choices(rig=read_rig(folder / "rig.toml")))
+
+
+@pytest.mark.parametrize(("sign", "fine"), [(1.0, True), (0.3, True), (-1.0, False), (-0.3, False)])
+def test_a_gripper_that_closes_where_it_should_open_is_found(tmp_path: Path, sign: float, fine: bool) -> None:  # noqa: FBT001
+    """By the two values of its log; one that does not reach them is on their side all the same."""
+
+    def act(images: Mapping[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+        del images, instruction
+        return np.array([[-0.1, sign if x < 0.6 else -sign] for x in (state[0], state[0] - 0.1)])
+
+    found = {one.name: one for one in examine(gripping(tmp_path), act).findings}["unit"]
+    assert ("'grip' has two values in the log, and the answers have the other one in 100%" in found.says) is not fine
+    assert fine or found.fine is False
 
 
 @pytest.mark.parametrize(

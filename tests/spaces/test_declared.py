@@ -195,3 +195,22 @@ def test_a_column_that_the_bank_lacks_is_refused_before_the_first_call(tmp_path:
     bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1)
     with pytest.raises(SpecError, match="'arrows', which is not a prompt column"):
         require_sayable(prompt, asked_of(bank, prompt))
+
+
+def test_a_name_of_a_column_is_read_in_words_and_as_an_object() -> None:
+    """Without a key or a pattern the frame's names are read as named actions are."""
+    space = AnswerSpace.of("view", [AnswerField("view", from_column="views")]).given({"views": "Left, Right, Ahead"})
+    for text in ("Left", "Left.", '{"action": "Left"}', "**left**", "I choose: Left"):
+        assert space.read(Reply(text, "stop")).action == "Left", text
+    for text in ("Behind", "Left or Right", "not Left"):
+        assert space.read(Reply(text, "stop")).action is None, text
+
+
+def test_names_of_a_column_with_signs_of_equality_stay_apart() -> None:
+    """Two different answers are two symbols."""
+    fields = [AnswerField(name, key=name, from_column=name) for name in ("a", "b")]
+    space = AnswerSpace.of("two", fields).given({"a": "x, x b=y", "b": "z, y b=z"})
+    said = [json.dumps({"a": one, "b": other}) for one, other in (("x", "y b=z"), ("x b=y", "z"))]
+    found = [space.read(Reply(text, "stop")).action for text in said]
+    assert None not in found
+    assert len(set(found)) == 2

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from eyechart.errors import SpecError
-from eyechart.spaces.fields import AnswerField, candidates_of, read_answer_fields, read_fields
+from eyechart.spaces.fields import AnswerField, FieldValues, candidates_of, read_answer_fields, read_fields
 from eyechart.spaces.linear_pattern import LinearPattern
 
 IDS = AnswerField("action", key="action", values=("0", "1", "2", "3", "4"))
@@ -206,3 +206,52 @@ def test_a_pattern_that_repeats_nothing_is_read_at_once() -> None:
     """However often it does: nothing is made of it."""
     for one in ("(x)(?:(?:a{0}){9999}){300}", "(x)(?:(?:(?:a{0}){9999}){9999}){9999}"):
         assert [found.text for found in LinearPattern(one).search("x")] == ["x"]
+
+
+DRIVEN = AnswerField("speed", "number", pattern=r"[Ss]peed:? (-?\d+(?:\.\d+)?)", unit="m/s")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("speed 3 knots", "other_unit"),
+        ("Speed: 3 miles per hour", "other_unit"),
+        ("speed 3 m/s per second", "other_unit"),
+        ("speed 3 metres", "other_unit"),
+        ("speed 30 percent", "other_unit"),
+        ("speed 1 200", "part_of_a_word"),
+        ("speed 1,200", "part_of_a_word"),
+        ("speed 1'200 m/s", "part_of_a_word"),
+        ("not speed: 3", "no_answer"),
+        ("I do not choose speed 3", "no_answer"),
+        ("rather than speed 3", "no_answer"),
+    ],
+)
+def test_a_number_that_means_another_one_is_no_answer(text: str, why: str) -> None:
+    """Another unit, thousands that are cut off, and what is denied."""
+    assert read_fields(text, [DRIVEN]) == FieldValues(None, why, "speed")
+
+
+@pytest.mark.parametrize(
+    "text", ["speed 3 m/s", "speed 3", "Speed: 3.0 m/s, as the lead is far", "speed 3 m/s. Not faster."]
+)
+def test_a_number_with_its_own_unit_is_read(text: str) -> None:
+    """The unit of the field may follow, and words after it."""
+    assert read_fields(text, [DRIVEN]) == FieldValues((3.0,))
+
+
+def test_a_sign_in_words_is_not_lost() -> None:
+    """Minus three is no three."""
+    field = AnswerField("steer", "number", pattern=r"steer (?:minus |negative )?(\d+)")
+    for text in ("steer minus 3", "steer negative 3"):
+        assert read_fields(text, [field]) == FieldValues(None, "no_answer", "steer")
+
+
+def test_an_example_is_no_answer_and_a_correction_in_words_is_heard() -> None:
+    """Only what the reply means counts, in whatever capitals it says it again."""
+    field = AnswerField("speed", "number", key="speed")
+    for text in ('{"speed": 3}. Actually Speed is 4', '{"speed": 3}\nThe speed should be 4.', '{"speed": 3} Speed: 4'):
+        assert read_fields(text, [field]) == FieldValues(None, "several_values", "speed")
+    assert read_fields('Example: {"speed": 3}.', [field]) == FieldValues(None, "no_answer", "speed")
+    assert read_fields('For example {"speed": 3}. My answer: {"speed": 4}', [field]) == FieldValues((4.0,))
+    assert read_fields('{"speed": 3} The speed of the lead is unknown.', [field]) == FieldValues((3.0,))

@@ -96,6 +96,10 @@ WRONG: dict[str, tuple[Any, str]] = {
     "a list": ([1], "row 2 is a list, no JSON object"),
     "half a letter": (completed("c", "\ud83d"), "row 2: the body cannot be read"),
     "great number": (completed("c", "x", index=2**70), "row 2: the body cannot be read"),
+    "another endpoint": (
+        {"custom_id": "c", "response": {"status_code": 200, "body": {"object": "response", "output": []}}},
+        "row 2: its body is a response, of another endpoint",
+    ),
     "another export's": (completed("3ed34849-nobody", "x"), "row 2: call '3ed34849-nobody'"),
 }
 
@@ -109,6 +113,25 @@ def test_a_faulty_line_is_named_and_nothing_is_written(bank: FrameBank, tmp_path
     with pytest.raises(SourceError, match=why):
         answer_import.read_import(bank.root, source, tmp_path / "run", None, BatterySettings())
     assert not (tmp_path / "run").exists()
+
+
+def test_the_first_choice_counts_wherever_it_stands_and_two_models_are_two_files(
+    bank: FrameBank, tmp_path: Path
+) -> None:
+    """Choices are numbered; the answers of a second model are not credited to the first."""
+    calls = calls_of(bank.root, tmp_path / "asked")
+    line = completed(calls[0], "STOP")
+    second = {"index": 1, "message": {"role": "assistant", "content": "LEFT"}, "finish_reason": "stop"}
+    line["response"]["body"]["choices"].insert(0, second)
+    source = answer_import.source_of(write(tmp_path / "two.jsonl", [line]))
+    answer_import.bring(answer_import.read_import(bank.root, source, tmp_path / "run", None, BatterySettings()))
+    with Ledger(tmp_path / "run" / LEDGER) as ledger:
+        ((_, reply),) = ledger.replies("elsewhere:gpt-x-2026")
+    assert reply.text == "STOP"
+    other = completed(calls[1], "STOP")
+    other["response"]["body"]["model"] = "gpt-y"
+    with pytest.raises(SourceError, match="answers of several models: gpt-x-2026, gpt-y"):
+        answer_import.source_of(write(tmp_path / "models.jsonl", [completed(calls[0], "STOP"), other]))
 
 
 def test_a_table_with_columns_of_its_own_is_no_batch(tmp_path: Path) -> None:

@@ -215,7 +215,7 @@ def test_a_pose_in_the_picture_is_no_content(whole: FrameBank, tmp_path: Path) -
     assert poses["T.matched@cameras"].ci[0] > 0.02
     assert poses["beyond@cameras"].ci[0] < 0.02 < deaf["beyond@cameras"].ci[0]
     verdicts = judge(scored)
-    assert verdicts[specs[0]].camera.label == "undecided"
+    assert verdicts[specs[0]].camera.label == "uses_camera"
     assert "it may read its own pose" in verdicts[specs[0]].camera.because
     assert verdicts[specs[1]].camera.label == "camera_content"
 
@@ -227,7 +227,7 @@ def test_a_wrist_that_looks_at_the_block_is_content(bank: FrameBank, tmp_path: P
     for name, conditions in (("without", over[:-1]), ("with", over)):
         policy.run(policy.plan(bank.root, [spec], tmp_path / name, conditions=(*FEW[:3], *conditions)))
     without, found = (judge(policy.score(tmp_path / name))[spec].cameras["wrist"] for name in ("without", "with"))
-    assert without.label == "undecided"
+    assert without.label == "uses_camera"
     assert found.label == "camera_content"
 
 

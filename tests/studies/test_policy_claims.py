@@ -200,7 +200,7 @@ def test_a_pose_is_not_said_of_moments_in_which_nothing_is_seen(tmp_path: Path) 
     matched = policy.score(tmp_path / "run").models[f"python:{__name__}:late"].statistics["T.matched@cameras"]
     assert matched.ci is not None
     assert matched.ci[1] < 0.10
-    assert found.camera.label == "undecided"
+    assert found.camera.label == "uses_camera"
     assert f"({matched.n} of {len(bank)} moments have one)" in found.camera.because
 
 

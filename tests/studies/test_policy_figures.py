@@ -25,7 +25,7 @@ from eyechart.studies.policy.page import in_a_sentence, made
 from eyechart.studies.policy.scores import PolicyScore
 from eyechart.studies.policy.tables import MEANINGS, meaning_table, meant_by
 from eyechart.verdicts.policy_verdict import PolicyVerdict
-from policies_by_hand import GOOD, IGNORED, NOT_ONE_BIT, OPEN, USED, share, verdict
+from policies_by_hand import GOOD, IGNORED, NOT_ONE_BIT, OPEN, USED, share, verdict, without
 
 STEPS = 16
 JOINTS = (
@@ -174,7 +174,10 @@ def test_a_chart_does_not_say_what_its_label_does_not() -> None:
     assert found["wrist: another episode's"] == found["wrist: at a similar state"] == (MUTED, False)
     assert found["top: grey"] == (MUTED, False)
     shown = {"T.swapped@cameras": USED, "T.matched@cameras": OPEN}
-    pose = verdict(matched=OPEN)
+    used = colours(verdict(matched=OPEN), shown)
+    assert used["cameras: another episode's"] == (BLUE, True)
+    assert used["cameras: at a similar state"] == (MUTED, False)
+    pose = verdict(matched=None, asked=without("matched@cameras"))
     assert pose.camera.label == "undecided"
     assert colours(pose, shown)["cameras: another episode's"] == (MUTED, False)
     (drawing,) = shares(pose, SimpleNamespace(statistics=shown))  # type: ignore[arg-type]

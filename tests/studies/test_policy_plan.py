@@ -53,22 +53,49 @@ def test_the_command_says_it_and_what_cannot_be_asked(tmp_path: Path, monkeypatc
 
 
 def test_what_no_policy_can_get_is_said_before_a_call_is_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of fourteen joints no frame has a match: no use of a camera gets a label there, and the table promises none."""
+    """Of fourteen joints no frame has a match: what a camera is used for is open there, and the table promises none."""
     monkeypatch.setattr("eyechart.calibrate.policies.power", partial(power, draws=1))
     bank = arm_bank(tmp_path / "arm", joints=14, side="still")
     result = CliRunner().invoke(app, ["plan", str(bank.root), "--json"])
     said = json.loads(result.stdout)
     assert said["matches"] == {"cameras": 0, "camera:front": 0, "camera:side": 0}
     assert said["matched"] == 0
-    assert {pair[1] for shares in said["said"].values() for pair in shares.values()} == {0.0}
+    assert {one for shares in said["apart"].values() for one in shares.values()} == {0.0}
+    assert said["said"]["same"]["0.4"][1] == 1.0
     assert {"camera_content", "pose_only", "object_grounded"} <= set(said["unreachable"])
     assert said["unreachable"]["pose_only"].endswith("frames have no frame of another episode at a similar state")
     assert "differs in the side camera" in said["unreachable"]["ignores_camera of camera:side"]
-    assert {"ignores_camera", "camera_presence", "state_shortcut", "instruction_ignored"} <= set(said["reachable"])
+    assert {"uses_camera", "ignores_camera", "camera_presence", "state_shortcut", "instruction_ignored"} <= set(
+        said["reachable"]
+    )
     printed = " ".join(CliRunner().invoke(app, ["plan", str(bank.root)]).stdout.split())
     assert "frames with a match at a similar state of 48: cameras 0, camera:front 0, camera:side 0" in printed
-    assert "labels that a policy may get camera_presence, ignores_camera, state_shortcut" in printed
+    assert "labels that a policy may get uses_camera, camera_presence, ignores_camera, state_shortcut" in printed
     assert "not reachable object_grounded, camera_content, pose_only, " in printed
+
+
+def test_an_arm_that_never_comes_back_to_a_pose_shows_that_it_looks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Look, gate and page say that it uses its camera, that for what is open, and what would settle it."""
+    monkeypatch.chdir(tmp_path)
+    bank = arm_bank(tmp_path / "arm", joints=14, side="still")
+
+    def told(*words: object, code: int) -> str:
+        result = CliRunner().invoke(app, list(map(str, words)))
+        assert result.exit_code == code, result.output
+        return " ".join(result.stdout.split())
+
+    looked = told("look", "python:arm_logs:by_front", "--frames", bank.root, "--yes", code=1)
+    assert looked.startswith("In part. It uses the camera; whether for more than its own pose is open. ")
+    assert "to settle it: add frames with the same robot pose in several episodes" in looked
+    run, why = tmp_path / "looks" / "python-arm_logs-by_front" / "run", "48 of 48 frames have no frame of another"
+    assert why in told("gate", run, "--require", "looks", code=0)
+    assert why in told("gate", run, "--require", "camera:camera_content", code=2)
+    told("report", run, "--out", "page.html", code=0)
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "uses camera; " in page
+    assert "Next: add frames with the same robot pose in several episodes" in page
 
 
 def test_a_run_makes_as_many_calls_as_were_planned_and_says_why_no_more(
@@ -119,7 +146,7 @@ def test_an_arm_that_hardly_moves_in_an_episode_is_told_before_a_call_is_made(
     assert never["camera_content"].startswith(
         "pictures of the same episode differ less in number 1 of the state ('j0')"
     )
-    assert policy_verdicts(slow, tmp_path / "run") == ["undecided"]
+    assert policy_verdicts(slow, tmp_path / "run") == ["uses_camera"]
     stays = arm_bank(tmp_path / "stays", tasks=("go",), length=8, episodes=12, stays=1)
     assert "camera_content" in reachable(stays)
     assert unmoved(stays) == ["number 2 ('j1')"]
@@ -130,9 +157,8 @@ def test_an_arm_that_hardly_moves_in_an_episode_is_told_before_a_call_is_made(
 
 
 def test_fewer_matches_settle_less() -> None:
-    """That a camera is used is told by the frames that have one alone; that it is ignored, by all."""
-    every, few, none = (
-        power(12, 72, 1, {}, draws=6, matched=one).said["same"]["0.2"] for one in (None, (20, 8), (0, 0))
-    )
-    assert every[0] == few[0] == none[0]
-    assert every[1] >= few[1] > none[1] == 0
+    """What a camera is used for is shown by the frames that have one alone; that it is used or ignored, by all."""
+    every, few, none = (power(12, 72, 1, {}, draws=6, matched=one) for one in (None, (20, 8), (0, 0)))
+    assert every.said == few.said == none.said
+    apart = [one.apart["same"]["0.2"] for one in (every, few, none)]
+    assert apart[0] >= apart[1] > apart[2] == 0

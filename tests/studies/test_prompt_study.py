@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import banks
 import stand_ins
 from eyechart import models
-from eyechart.calls import Query, Reply
+from eyechart.calls import Query, Reply, read_in
 from eyechart.cli.app import app
 from eyechart.costs import Book
 from eyechart.errors import LedgerError, SpecError
@@ -228,7 +228,7 @@ def cells_of(model: str, **p: float | None) -> list[prompts.CellScore]:
                 "distinct_outputs": one if found is None else several,
             },
             holm={"mutual_information": found, "obstacle": None, "cramers_v_real_blank": 0.9},
-            took=Book(RequestMode(model), DRIVING, read_prices()).accounts()["all"],
+            took=Book(RequestMode(model), read_in(DRIVING), read_prices()).accounts()["all"],
             guards=(),
         )
         for name, found in p.items()

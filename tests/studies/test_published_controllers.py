@@ -14,7 +14,10 @@ import banks
 from eyechart.cli.app import app
 from eyechart.frames import BankWriter, FrameBank, decode, open_bank
 from eyechart.manifest import read_run
+from eyechart.models.prices import read_prices
 from eyechart.prompts import Prompt, read_prompt
+from eyechart.serve.live import LiveRun
+from eyechart.studies import study_of
 from eyechart.studies.battery.scores import score
 from eyechart.verdicts import judge
 from faults import FaultServer, answer
@@ -172,3 +175,31 @@ def test_a_run_of_declared_answers_is_packed_and_validated(bank: FrameBank, tmp_
     ):
         done = CliRunner().invoke(app, words)
         assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize("name", ["VLMnav", "NavGPT"])
+def test_counts_know_the_names_of_each_frame(name: str, tmp_path: Path) -> None:
+    """A name of another frame is no decision for the score, the costs, the unread replies and the live page alike."""
+    one, file, out = PUBLISHED[name], tmp_path / "controller.toml", tmp_path / "run"
+    file.write_text(one.prompt, encoding="utf-8")
+    frames = banks.frames_of(["light", "dense"], 2, 2, "vertical", drawn=True)
+    with BankWriter(tmp_path / "bank", replace(banks.manifest(), prompt_columns=tuple(COLUMNS))) as writer:
+        for code, frame in enumerate(frames):
+            own = {**COLUMNS, "arrows": str(10 + code), "viewpoints": f"{code:032x}"}
+            writer.add(replace(frame, fields=own), *banks.pictures_of(frame, code))
+    bank = open_bank(tmp_path / "bank")
+
+    reply = '{"action": 10}' if name == "VLMnav" else f'Action Input: "{0:032x}"'
+    with server_of(lambda _: reply) as server:
+        ask(server, bank, file, out, "real,real_repeat,blank")
+    study, others = study_of(out), 3 * (len(bank) - 1)
+    answers = score(out, resamples=50).models["openai:m"].answers
+    assert (
+        sum(one is not None and one.action is None for column in answers.decisions.values() for one in column) == others
+    )
+    (unread,) = study.unread(out)["openai:m"]
+    assert (unread.count, unread.missing, unread.why) == (others, "unparsed", "other_value")
+    account = study.took(out, read_prices()).accounts["openai:m"]["all"]
+    assert (account.missing, account.finished) == ({"unparsed": others}, 3 * len(bank))
+    (shown,) = LiveRun(out, read_prices()).asked()
+    assert f"in {others} of {3 * len(bank)} answers no decision is read" in shown.warnings

@@ -97,7 +97,8 @@ def _at_most(bound: float) -> Callable[[float], bool]:
     return lambda share: share <= bound
 
 
-_USES = ("camera_content", "pose_only", "camera_presence")
+_APART = ("camera_content", "pose_only")
+_USES = (*_APART, "uses_camera", "camera_presence")
 FALSE: Mapping[str, Mapping[str, Callable[[float], bool]]] = {
     "swap": {
         "ignores_camera": _at_least(0.10),
@@ -446,9 +447,9 @@ class PolicyPower(JsonRecord):
 
     ``calls`` are those of a policy that repeats its answers. ``said`` has ``same`` (such a policy,
     or one with a seed) and ``drawn`` (noise of a quarter of the variance, four answers). Each maps
-    shares to how often the camera is called ignored, and used, out of ``draws`` data sets.
-    ``matched`` counts the frames with a match at a similar state: without them no camera is called
-    used.
+    shares to how often the camera is called ignored, and used, out of ``draws`` data sets; ``apart``
+    likewise to how often what it is used for is told from the pose. ``matched`` counts the frames
+    with a match at a similar state: without them that is open.
     """
 
     episodes: int
@@ -456,13 +457,14 @@ class PolicyPower(JsonRecord):
     calls: int
     left_out: Mapping[str, str]
     said: Mapping[str, Mapping[str, tuple[float, float]]]
+    apart: Mapping[str, Mapping[str, float]]
     draws: int
     matched: int
 
     def table(self) -> Table:
         """Return a row per share."""
         rows = [
-            (kind, float(share), ignored, used)
+            (kind, float(share), ignored, used, self.apart[kind][share])
             for kind, shares in self.said.items()
             for share, (ignored, used) in shares.items()
         ]
@@ -470,8 +472,8 @@ class PolicyPower(JsonRecord):
         title = f"how often {self.episodes} episodes ({self.frames} frames) settle it"
         note = f"of {self.draws} simulated data sets each; every frame responds"
         if self.matched < self.frames:
-            note = f"{note}; used is decided by the {self.matched} frames with a match at a similar state"
-        ends = (Column("ignored", "number", 2), Column("used", "number", 2))
+            note = f"{note}; content or pose is decided by the {self.matched} frames with a match at a similar state"
+        ends = (Column("ignored", "number", 2), Column("used", "number", 2), Column("content or pose", "number", 2))
         return Table("power", title, (*head, *ends), tuple(rows), note)
 
 
@@ -487,22 +489,23 @@ def power(
     """Simulate what a bank can decide about a policy's cameras, by their share.
 
     ``matched`` counts the frames with a match at a similar state, and their episodes; the default
-    is all. Whether a camera is used is simulated on these frames alone.
+    is all. What a camera is used for is simulated on these frames alone.
     """
     told, of = (frames, episodes) if matched is None else matched
     kinds = {"same": PolicySetting(), "drawn": PolicySetting(noise=0.25, answers=4)}
     said: dict[str, dict[str, tuple[float, float]]] = {}
+    apart: dict[str, dict[str, float]] = {}
     for kind, base in kinds.items():
         for share in SHARES:
             setting = replace(base, share=share, episodes=episodes, frames=max(frames, episodes))
-            labels = _counted(_Batch(setting, 0, 0, draws))
-            uses = sum(labels[label] for label in _USES)
+            by_match = labels = _counted(_Batch(setting, 0, 0, draws))
             if told < frames:
                 fewer = replace(setting, episodes=max(of, LEAST_SIMULATED), frames=max(told, LEAST_SIMULATED))
                 by_match = _counted(_Batch(fewer, 0, 0, draws)) if told else Counter[str]()
-                uses = labels["camera_presence"] + by_match["camera_content"] + by_match["pose_only"]
+            uses = sum(labels[label] for label in _USES)
             said.setdefault(kind, {})[f"{share:g}"] = labels["ignores_camera"] / draws, uses / draws
-    return PolicyPower(episodes, frames, calls, left_out, said, draws, told)
+            apart.setdefault(kind, {})[f"{share:g}"] = sum(by_match[label] for label in _APART) / draws
+    return PolicyPower(episodes, frames, calls, left_out, said, apart, draws, told)
 
 
 def table(tried: Sequence[LabelCounts]) -> Table:

@@ -36,6 +36,8 @@ LEAST_MATCHED = 0.25
 """The least share of frames with a partner at a similar state; below it no frame is asked."""
 _DRAWN = tuple(one.name for one in asked_of("policy") if "counterfactual" in one.needs)
 _PLAIN = {"real", "real_repeat", "nudged", "blank", "noise", "mirrored"}
+COMPUTED = frozenset({"blank", "noise", "mirrored", *_DRAWN})
+"""The conditions whose pictures no camera took; a policy may fail on these and on no others."""
 _FURTHER = tuple(one.name for one in asked_of("policy") if one.name not in {*_PLAIN, *_DRAWN, *PARTNERS, FROZEN})
 
 

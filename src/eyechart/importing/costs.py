@@ -238,6 +238,17 @@ def _price_of_scenarios(bank: FrameBank, column: str) -> str:
     )
 
 
+def _unpaired(motion: MotionSpace) -> list[str]:
+    """Return a note on rotations of places that are not measured from the state's, if the state has some."""
+    moved, stays = motion.rotations_of("motion"), motion.rotations_of("state")
+    alone = sum(one.state is None for one in moved)
+    if motion.kind not in PLACES or not stays or not alone:
+        return []
+    counts = f"the motion has {counted(len(moved), 'rotation')} and the state {len(stays)}"
+    how = "Declare as many of each, in one order; in a rig, 'state' of [[motion.rotations]] names each"
+    return [f"{counts}: {alone} belong to none of the state's, and are compared as they are, not from its. {how}"]
+
+
 def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
     """Return a policy bank's motions, the tests that it cannot support, and oddities of its log."""
     steps, wide = motion.shape
@@ -247,6 +258,7 @@ def _costs_of_policies(bank: FrameBank, motion: MotionSpace) -> list[str]:
     lines = [f"motions: {steps} steps of {wide} numbers{rate}, {kind}"]
     if motion.rotations:
         lines.append(f"rotations, compared by their angle: {motion.rotations_in_words()}")
+    lines += _unpaired(motion)
     if lacking := sum(not frame.motion for frame in bank):
         lines.append(f"{lacking} of {len(bank)} frames have no logged motion: fewer than {steps} steps follow them")
     if (episodes := len({frame.drive for frame in bank})) < LEAST_BOUNDED:

@@ -28,6 +28,8 @@ NONE = "none"
 """The word for numbers that look like a rotation and are none."""
 LEAST_SEEN = 10
 """The fewest rows in which a rotation is recognised."""
+_GIVEN = 0.9
+"""The least share of rows that are not all zeros."""
 _LENGTH, _EXACT = 0.02, 1e-3
 """Largest error of a unit length in declared numbers, and in numbers that are recognised."""
 _TURN, _NEAR = 0.5, 2.8
@@ -239,9 +241,14 @@ def _off_frame(rows: Floats) -> float:
 def _seen(rows: Floats, joined: np.ndarray | None) -> Representation | Literal[""]:
     """Return the rotation that rows of 3, 4 or 6 numbers show beyond doubt, "" for none.
 
-    Rows of zeros and ones are no evidence, and at least three numbers must vary.
+    Rows of zeros and ones are no evidence, and at least three numbers must vary. Of a quaternion
+    two are enough: those of a turn about one axis.
     """
-    if len(rows) < LEAST_SEEN or (rows.std(axis=0) > _EXACT).sum() < 3 or np.isin(rows, (0, 1, -1)).all():
+    least = 2 if rows.shape[1] == 4 else 3
+    if rows.shape[1] > 3:
+        given = rows[rows.any(axis=1)]  # a few rows of zeros are readings that are missing
+        rows = given if len(given) >= _GIVEN * len(rows) else rows
+    if len(rows) < LEAST_SEEN or (rows.std(axis=0) > _EXACT).sum() < least or np.isin(rows, (0, 1, -1)).all():
         return ""
     if rows.shape[1] == 6:
         return "rot6d" if _off_frame(rows) <= _EXACT else ""

@@ -154,7 +154,7 @@ class PolicyLook:
             verdict.camera.label,
             tuple(_pictures(scored, spec)),
             f"a mean of {len(planned.plan.frames)} frames",
-            tuple(_steps(self, scored, answer, left=calls > finished)),
+            tuple(_steps(self, scored, answer, verdict.camera.label, left=calls > finished)),
             wanted.report,
             wanted.run,
             finished,
@@ -192,14 +192,14 @@ def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
             yield PictureResult(words, change=one.value, ci=one.ci, n=one.n)
 
 
-def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, *, left: bool) -> Iterator[NextStep]:
+def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, left: bool) -> Iterator[NextStep]:
     wanted, run = asked.wanted, shlex.quote(str(asked.wanted.run))
     if left:
         yield NextStep("continue where it stopped", wanted.command())
         return
     if answer == "Yes":
         yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
-    elif answer == "Inconclusive":
+    elif CAMERA[label].may_be_more:
         settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
         yield NextStep(f"to settle it: {settle.do}", plan)
     else:

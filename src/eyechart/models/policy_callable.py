@@ -14,12 +14,12 @@ Attributes, with their defaults:
 ``seedable`` (False): it also takes ``seed=``, and equal seeds give equal answers. ``version`` (the
 start of a digest of its files). ``channels`` (all): the names of the inputs that it reads.
 ``reset`` (none): called before every call. ``step`` (none): its training step, which orders
-checkpoints. ``history`` (0).
+checkpoints. ``batch`` (none): it takes lists of up to so many images, states and instructions, with
+``seed`` a list too, and returns a list of as many arrays, or an array of them. ``history`` (0): see above.
 """
 
-import asyncio
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from inspect import iscoroutinefunction, signature
@@ -32,9 +32,9 @@ from eyechart.channels import flat_state
 from eyechart.errors import SpecError
 from eyechart.frames import RGB, Stimulus, pixels_of
 from eyechart.models import HISTORY, history_of
+from eyechart.models.batches import SIZES, Batches, in_time, is_size
 from eyechart.models.python_callable import (
     HISTORIES,
-    NotCalledError,
     identity_of,
     import_callable,
     in_thread,
@@ -42,7 +42,7 @@ from eyechart.models.python_callable import (
     made_of_class,
     name_of,
 )
-from eyechart.modes import RequestMode, without_secrets
+from eyechart.modes import RequestMode
 from eyechart.spaces.motion import Floats, Motion
 
 Act = Callable[..., object]
@@ -57,6 +57,7 @@ DECLARED: Mapping[str, object] = {
     "reset": None,
     "step": None,
     HISTORY: 0,
+    "batch": None,
 }
 """The attributes that a callable may declare, with their defaults."""
 
@@ -67,6 +68,7 @@ _MAY_BE: Mapping[str, str] = {
     "reset": "a function that takes nothing",
     "step": "a whole number from 0 on",
     HISTORY: HISTORIES,
+    "batch": SIZES,
 }
 """The allowed values of each attribute, in words."""
 
@@ -76,7 +78,7 @@ class PolicyCallable:
     """A policy as a model; each call of a ``guest`` runs in a thread of its own.
 
     A call waits while another one holds ``alone``. ``facts`` hold what the callable declares:
-    ``seedable``, ``channels``, ``step`` and ``history``.
+    ``seedable``, ``channels``, ``step``, ``batch`` and ``history``.
     """
 
     act: Act
@@ -89,30 +91,36 @@ class PolicyCallable:
     guest: bool = True
     left: set[Thread] = field(default_factory=set)
     alone: Lock = field(default_factory=Lock)
+    batch: int | None = None
+    batches: Batches = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.batches = Batches(self.batch or 1, self._replies)
 
     async def answer(self, query: Query) -> Reply:
         """Call once. An exception, or a call past the mode's time limit, is a failed Reply."""
-        try:
-            async with asyncio.timeout(self.timeout_s) as limit:
-                call = partial(self._call, query)
-                motion = call() if not self.guest else await in_thread(call, self.left)
-        except NotCalledError as error:
-            return Reply(error="not_called", error_detail=str(error))
-        except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-            if isinstance(error, TimeoutError) and limit.expired():
-                return Reply(error="timeout", error_detail=f"no answer within {self.timeout_s:g} s")
-            return Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:500])
-        return Reply(text=motion.text, finish_reason="stop")
+        return await self.batches.answer(query) if self.batch else (await self._replies([query]))[0]
 
-    def _call(self, query: Query) -> Motion:
-        """Return the answer. Inputs and answer are copies: no call changes those of another."""
-        images, state = arrays_of(query.stimulus, self.history)
-        seed = {"seed": query.seed} if self.seedable else {}
+    async def _replies(self, queries: Sequence[Query]) -> list[Reply]:
+        return await in_time(self.timeout_s, queries, self._answers(queries))
+
+    async def _answers(self, queries: Sequence[Query]) -> Sequence[Reply | Exception]:
+        call = partial(self._call, queries)
+        answers = call() if not self.guest else await in_thread(call, self.left)
+        return [one if isinstance(one, Exception) else Reply(text=one.text, finish_reason="stop") for one in answers]
+
+    def _call(self, queries: Sequence[Query]) -> Sequence[Motion | Exception]:
+        """Return the answers. Inputs and answers are copies: no call changes those of another."""
+        given = [(*arrays_of(query.stimulus, self.history), query.user or None) for query in queries]
+        seeds = [query.seed for query in queries]
         with self.alone:  # a call after its time limit may still run
             if self.reset is not None:
                 self.reset()
-            # A copy: the next call may reuse the buffer.
-            return Motion.of(self.act(images, state, query.user or None, **seed))
+            # The answers are copies: the next call may reuse the buffer.
+            if self.batch is None:
+                return [Motion.of(self.act(*given[0], **({"seed": seeds[0]} if self.seedable else {})))]
+            lists = map(list, zip(*given, strict=True))
+            return Motion.each(self.act(*lists, **({"seed": seeds} if self.seedable else {})), len(queries))
 
     async def close(self) -> None:
         """Do nothing: there is nothing to release."""
@@ -152,7 +160,7 @@ def hold(act: Act, mode: RequestMode) -> PolicyCallable:
 def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str]) -> PolicyCallable:
     """Return a policy with its declared attributes; ``found`` is the default version."""
     own = {what: getattr(act, what, usual) for what, usual in DECLARED.items()}
-    seedable, version, channels, reset, step, history = (own[what] for what in DECLARED)
+    seedable, version, channels, reset, step, history, batch = (own[what] for what in DECLARED)
     wrong = {
         "seedable": not isinstance(seedable, bool),
         "version": not isinstance(version, str),
@@ -160,6 +168,7 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         "reset": not (reset is None or callable(reset)),
         "step": not (step is None or (isinstance(step, int) and not isinstance(step, bool) and step >= 0)),
         HISTORY: not is_history(history),
+        "batch": not is_size(batch),
     }
     if amiss := [what for what, bad in wrong.items() if bad]:
         raise SpecError(f"'{mode.spec}' declares {amiss[0]} = {own[amiss[0]]!r}; it must be {_MAY_BE[amiss[0]]}")
@@ -172,6 +181,8 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         facts["step"] = str(step)
     if isinstance(history, int) and history:
         facts[HISTORY] = str(history)
+    if isinstance(batch, int):
+        facts["batch"] = str(batch)
     return PolicyCallable(
         act,
         str(version) or found,
@@ -180,6 +191,7 @@ def _opened(act: Act, mode: RequestMode, found: str, digests: Mapping[str, str])
         seedable=bool(seedable),
         reset=reset if callable(reset) else None,
         history=history_of(facts),
+        batch=batch if isinstance(batch, int) else None,
     )
 
 

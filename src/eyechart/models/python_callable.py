@@ -4,7 +4,9 @@ The callable takes ``(prompt: str, image: bytes | None)``, with the picture as P
 ``(prompt, images, state)``, with pictures by camera and numbers by name. It returns the answer as
 text, or a Reply with more (tokens, finish reason). With a further parameter ``messages`` it also
 gets every turn of the prompt. It may be asynchronous; else it runs in threads,
-in parallel. No call begins while 16 calls past their time limit still run.
+in parallel. No call begins while 16 calls past their time limit still run. With an attribute
+``batch = N`` it takes lists of up to N prompts, pictures (and states, and messages), and returns a
+list of as many answers.
 
 A callable of (prompt, images, state) that declares ``history`` N also gets the N instants before
 the frame, from a bank that holds them. Each picture and each state is then a list of N + 1, with
@@ -22,7 +24,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import CellType, CodeType, FunctionType, MethodType
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -32,11 +34,15 @@ from eyechart.errors import SpecError, raising
 from eyechart.frames import MOST_HISTORY
 from eyechart.messages import Turn
 from eyechart.models import HISTORY, require_options
+from eyechart.models.batches import SIZES, Batches, NotCalledError, in_time, is_size
 from eyechart.models.energy import metered
 from eyechart.models.sources import facts_of, version_of
 from eyechart.modes import RequestMode, without_secrets
 
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
+
+DECLARED: Mapping[str, object] = {"batch": None, HISTORY: 0}
+"""The attributes that a callable may declare, with their defaults."""
 
 Ask = Callable[..., object]
 T = TypeVar("T")
@@ -68,31 +74,36 @@ class PythonCallable:
     """Whether it takes all pictures and the state, instead of one picture."""
     history: int = 0
     left: set[threading.Thread] = field(default_factory=set)
+    batch: int | None = None
+    batches: Batches = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.batches = Batches(self.batch or 1, self._replies)
 
     async def answer(self, query: Query) -> Reply:
         """Call once. An exception, or a call past the mode's time limit, is a failed Reply."""
-        call = self._call(query)
+        if self.batch is not None:
+            return await self.batches.answer(query)
+        call = self._alone(query)
         return await metered(call) if self.mode.options.get("energy") else await call
 
-    async def _call(self, query: Query) -> Reply:
-        prompt = f"{query.system}\n\n{query.user}" if query.system else query.user
-        more = {"messages": list(map(_message, query.turns))} if _takes_messages(self.ask) else {}
-        try:
-            async with asyncio.timeout(self.mode.timeout_s) as limit:
-                said = await self._ask(prompt, *self._seen(query), **more)
-        except NotCalledError as error:
-            return Reply(error="not_called", error_detail=str(error))
-        except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-            if isinstance(error, TimeoutError) and limit.expired():
-                return Reply(error="timeout", error_detail=f"no answer within {self.mode.timeout_s:g} s")
-            words = without_secrets(f"{type(error).__name__}: {error}")
-            return Reply(error="exception", error_detail=words[:500])
-        if isinstance(said, Reply):
-            return said
-        if isinstance(said, str):
-            return Reply(text=said)
-        words = f"the callable returned a {type(said).__name__}, not a text or a Reply"
-        return Reply(error="exception", error_detail=words)
+    async def _alone(self, query: Query) -> Reply:
+        return (await self._replies([query]))[0]
+
+    async def _replies(self, queries: Sequence[Query]) -> list[Reply]:
+        """Return a reply to each query of a call."""
+        return await in_time(self.mode.timeout_s, queries, self._answers(queries))
+
+    async def _answers(self, queries: Sequence[Query]) -> Sequence[Reply | Exception]:
+        turns = [list(map(_message, query.turns)) for query in queries] if _takes_messages(self.ask) else []
+        given = [(_words(query), *self._seen(query)) for query in queries]
+        if self.batch is None:
+            return [_reply(await self._ask(*given[0], **({"messages": turns[0]} if turns else {})))]
+        lists = map(list, zip(*given, strict=True))
+        answers = await self._ask(*lists, **({"messages": turns} if turns else {}))
+        if not isinstance(answers, Sequence) or isinstance(answers, str) or len(answers) != len(queries):
+            raise TypeError(f"{len(queries)} queries got no list of as many answers, but a {type(answers).__name__}")
+        return list(map(_reply, answers))
 
     def _seen(self, query: Query) -> tuple[object, ...]:
         """Return the arguments after the prompt, as copies that the callable may change.
@@ -125,8 +136,18 @@ class PythonCallable:
         """Do nothing: there is nothing to release."""
 
 
-class NotCalledError(Exception):
-    """A call did not begin, because too many calls past their time limit still run."""
+def _words(query: Query) -> str:
+    return f"{query.system}\n\n{query.user}" if query.system else query.user
+
+
+def _reply(said: object) -> Reply:
+    """Return what a callable answered as a reply."""
+    if isinstance(said, Reply):
+        return said
+    if isinstance(said, str):
+        return Reply(text=said)
+    words = f"the callable returned a {type(said).__name__}, not a text or a Reply"
+    return Reply(error="exception", error_detail=words)
 
 
 async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
@@ -176,7 +197,7 @@ def open_model(name: str, mode: RequestMode) -> PythonCallable:
     """Import the callable, also from the current folder; raises SpecError where it is missing."""
     require_options(mode, OPTIONS)
     ask, version, facts = import_callable(name)
-    return _opened(ask, mode, version, facts)
+    return _opened(ask, mode, version, facts, name)
 
 
 def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
@@ -185,20 +206,27 @@ def hold(ask: Ask, mode: RequestMode) -> PythonCallable:
     Raises SpecError unless it takes (prompt, image) or (prompt, images, state).
     """
     require_options(mode, OPTIONS)
-    return _opened(ask, mode, *identity_of(ask))
+    return _opened(ask, mode, *identity_of(ask), mode.spec.partition(":")[2])
 
 
-def _opened(ask: Ask, mode: RequestMode, version: str, facts: dict[str, str]) -> PythonCallable:
-    """Return a callable as a model; raises SpecError if it declares a history that it cannot get."""
-    whole, history = _takes_all(ask, mode.spec.partition(":")[2]), getattr(ask, HISTORY, 0)
+def _opened(ask: Ask, mode: RequestMode, version: str, facts: Mapping[str, str], name: str) -> PythonCallable:
+    """Return a callable as a model, with its declared size of batches and its history."""
+    batch, history = (getattr(ask, what, usual) for what, usual in DECLARED.items())
+    whole = _takes_all(ask, name)
+    if not is_size(batch):
+        raise SpecError(f"'{mode.spec}' declares batch = {batch!r}; it must be {SIZES}")
+    if batch is not None and mode.options.get("energy"):
+        raise SpecError(f"'{mode.spec}' declares batch, and energy is measured call by call: leave out one of the two")
     if not is_history(history):
         raise SpecError(f"'{mode.spec}' declares history = {history!r}; it must be {HISTORIES}")
     if history and not whole:
         raise SpecError(f"'{mode.spec}' declares history = {history}: let it take (prompt, images, state)")
-    return PythonCallable(ask, mode, version, facts | ({HISTORY: str(history)} if history else {}), whole, history)
+    more = {} if batch is None else {"batch": str(batch)}
+    more |= {HISTORY: str(history)} if history else {}
+    return PythonCallable(ask, mode, version, {**facts, **more}, whole, history, batch=batch)
 
 
-def is_history(value: object) -> bool:
+def is_history(value: object) -> TypeGuard[int]:
     """Return whether a value may be declared as ``history``."""
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_HISTORY
 

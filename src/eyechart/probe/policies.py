@@ -1,5 +1,6 @@
 """The doctor of policies: at most twenty calls that check their inputs and their motions."""
 
+import asyncio
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,11 +43,15 @@ _FEW = 4
 """The number of further frames for comparison with the log."""
 _LARGE, _SMALL, _AWAY = 3.0, 1 / 3, 2.0
 """Bounds of another unit: sizes as ratios to the log's, and a mean's distance in deviations."""
+_ALIKE = 0.01
+"""Answers that differ by less than this share of what those to two frames differ by count as equal."""
 _FAINT = 0.02
 """The share of another frame's change below which a channel hardly counts."""
 _CONSTANT, _NOISY = 0.02, 0.5
 """Shares of variance: below the first, of the log's, answers are constant. Repeats above the
 second, of the answers', hide whether they are."""
+_REVERSED, _DIGITS = 0.9, 6
+"""From this share of steps on the wrong side a number of two values, equal to so many decimals, is reversed."""
 _FITS, _BETTER = 0.25, 0.25
 """Shares of error: below the first, of the log's variance, an answer fits the log. Below the
 second, of the given pictures' error, another form fits better."""
@@ -189,6 +194,12 @@ class _ProbeFrames:
         """Return an answer as motions are compared, not relative to the state."""
         return self.space.relative(answer.array, None)
 
+    def compared(self, answer: Decision[Motion]) -> Decision[Motion]:
+        """Return an answer as motions are compared: a quaternion and its negative are equal."""
+        if answer.action is None or not self.space.rotations_of("motion"):
+            return answer
+        return replace(answer, action=Motion.of(self.as_given(answer.action)))
+
     def error(self, frame: Frame, answer: Motion) -> float:
         """Return the mean squared error to the logged motion, over the log's variance."""
         every = self.logged(self.logs)
@@ -283,6 +294,10 @@ class _ProbeCalls:
         self.failed = [*(self.failed if lacks in self.failed else ()), *([lacks] if lacks else ())]
         return self.asked.space.read(reply)
 
+    async def together(self, seen: Sequence[Stimulus]) -> list[Decision[Motion]]:
+        """Return the answers to stimuli that are asked at once, so that they share a batch."""
+        return await asyncio.gather(*map(self.motion, seen))
+
 
 async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> PolicyDiagnosis:
     asked, model = calls.asked, calls.model
@@ -291,15 +306,20 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         order = [await calls.motion(seen) for seen in (mine, mine, theirs, mine)]
         changed = {name: await calls.motion(seen) for name, seen in asked.changed()}
         further = {frame.id: await calls.motion(asked.of(frame)) for frame in asked.further}
-        findings = [_motions(calls, [*order, *changed.values(), *further.values()])]
-        forms = await _formed(calls, further) if not _drawn(order) else {}
+        # A run judges a policy that fails on grey alone by its other answers, so that is no fault here.
+        seen = [answer for name, answer in changed.items() if name != "grey"]
+        findings = [_motions(calls, [*order, *seen, *further.values()])]
+        together = await calls.together([mine, theirs]) if "batch" in model.facts else []
+        compared = [asked.compared(one) for one in order]
+        forms = await _formed(calls, further) if not _drawn(compared) else {}
     finally:
         await close(model)
     if order[0].action is not None:
-        varies = len({one.action for one in (*order, *further.values())}) > 1
+        varies = len({asked.compared(one).action for one in (*order, *further.values())}) > 1
         seeded = model.facts.get("seedable") == "true"
-        findings += [_again(order, varies=varies, seeded=seeded)]
-        reached = list(_reached(order, changed))
+        findings += [_again(compared, varies=varies, seeded=seeded)]
+        findings += [_in_a_batch(compared, [asked.compared(one) for one in together])] if together else []
+        reached = list(_reached(compared, {name: asked.compared(one) for name, one in changed.items()}))
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
         findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
@@ -352,6 +372,23 @@ def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Poli
     return PolicyCheck("same", None, said)
 
 
+def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]]) -> PolicyCheck:
+    """Check whether two frames in one batch get the answers that each gets alone."""
+    pairs = [(order[0].action, together[0].action), (order[2].action, together[1].action)]
+    known = [(alone, shared) for alone, shared in pairs if alone is not None and shared is not None]
+    if len(known) < len(pairs) or _drawn(order):
+        why = "its answers are drawn at random" if _drawn(order) else "not every call returned a motion"
+        return PolicyCheck("batch", None, f"whether a batch gets the answers of single calls is open: {why}")
+    whole = _apart(known[0][0], known[1][0])
+    size = max(_apart(alone, shared) for alone, shared in known)
+    if size <= ROUNDING * whole:
+        return PolicyCheck("batch", True, "two frames in a batch get the answers that each gets alone")
+    words = f"in a batch its answers differ from those alone by {size / whole:.2g} of what two frames differ by"
+    if whole and size <= _ALIKE * whole:
+        return PolicyCheck("batch", True, f"{words}, which a run takes for equal")
+    return PolicyCheck("batch", False, f"{words}: are they in the order of the queries, and without regard to others?")
+
+
 def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[PolicyCheck]:
     """Yield a check of each channel: whether its change changes the answer, and by enough."""
     first, other, drawn = order[0].action, order[2].action, _drawn(order)
@@ -362,6 +399,7 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
     for name, one in changed.items():
         if one.action is None or drawn:
             why = "the call was not made" if one is _UNASKED else f"no motion: {one.reason}"
+            why += ". A run judges it by its other answers" if name == "grey" and one is not _UNASKED else ""
             why = "its answers are drawn at random, so a change shows nothing" if drawn else why
             yield PolicyCheck(name, None, why)
         elif (size := _apart(first, one.action)) <= near:
@@ -487,6 +525,26 @@ def _with_history(check: PolicyCheck, model: Model) -> PolicyCheck:
     return replace(check, fine=None, says=f"{check.says.partition(':')[0]}. {said}")
 
 
+def _reversed(asked: _ProbeFrames, kept: Sequence[tuple[Frame, Floats]]) -> PolicyCheck | None:
+    """Return the check of a number with two values in the log that nearly always has the other one.
+
+    A gripper is such a number, and data sets close it by either sign.
+    """
+    log = np.concatenate([frame.motion for frame in asked.logs])
+    logged = np.concatenate([frame.motion for frame, _ in kept])
+    own = np.concatenate([numbers for _, numbers in kept])
+    for number in asked.space.plain:
+        values = np.unique(np.round(log[:, number], _DIGITS))
+        wanted, given = (many[:, number] > values.mean() for many in (logged, own))
+        if len(values) != 2 or wanted.all() or not wanted.any():
+            continue
+        if (share := float((wanted != given).mean())) >= _REVERSED and given.any() and not given.all():
+            name = asked.space.dimensions[number].name
+            said = f"'{name}' has two values in the log, and the answers have the other one in {share:.0%} of the steps"
+            return PolicyCheck("unit", False, f"{said}: is its sign the other, as of a gripper that closes by it?")
+    return None
+
+
 def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
     """Check whether the numbers have the log's size, which excludes another unit.
 
@@ -497,6 +555,8 @@ def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> Polic
     if len(kept) < 2:
         return PolicyCheck("unit", None, "too few logged motions to compare the answers with")
     frames = [frame for frame, _ in kept]
+    if (turned := _reversed(asked, kept)) is not None:
+        return turned
     answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
     logged, every = asked.logged(frames), asked.logged(asked.logs)
     here, usual, size = (np.maximum(np.sqrt((one**2).mean(axis=(0, 1))), 1e-9) for one in (logged, every, answers))

@@ -24,6 +24,7 @@ from typing import Any
 
 from aiohttp import web
 
+from eyechart.calls import DecisionReader
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import EyechartError, printable
 from eyechart.integrity import ServedChecks
@@ -59,6 +60,10 @@ _HELD_S = 60.0
 """The longest time of a request for the end, in seconds; the browser then repeats it."""
 _NOTHING = "No call is written yet."
 NOTHING_FOLLOWS = "Nothing follows from this before the run is over and scored."
+
+
+_Asked = tuple[RunManifest | EpisodesManifest, AnySpace, DecisionReader]
+"""A run's manifest, its space, and what reads its replies."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class LiveRun:
     over: str = ""
     _moves: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=10_000))
     _kept: tuple[LiveModel, ...] = ()
-    _asked: dict[Path, tuple[int, tuple[RunManifest | EpisodesManifest, AnySpace]]] = field(default_factory=dict)
+    _asked: dict[Path, tuple[int, _Asked]] = field(default_factory=dict)
     _reads: int = 0
     _spent: float = 0.0
     _why: str = ""
@@ -168,18 +173,18 @@ class LiveRun:
         for part, run in study.runs(self.folder).items():
             if not (run / LEDGER).is_file():
                 continue
-            manifest, space = self._manifest(study, run)
+            manifest, space, read = self._manifest(study, run)
             with Ledger(run / LEDGER, sound=False) as ledger:
                 for spec in manifest.models:
-                    book = Book(manifest.mode(spec), space, self.prices)
+                    book = Book(manifest.mode(spec), read, self.prices)
                     name = f"{spec} in {part}" if part else spec
-                    yield _asked(name, ledger.attempts(spec), book, space)
+                    yield _asked(name, ledger.attempts(spec), book, space, read)
 
-    def _manifest(self, study: Study[Any], run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
-        """Return a run's manifest and space, read again only after a change."""
+    def _manifest(self, study: Study[Any], run: Path) -> _Asked:
+        """Return a run's manifest, space and reader, read again only after a change."""
         written = (run / RUN).stat().st_mtime_ns
         if run not in self._asked or self._asked[run][0] != written:
-            self._asked[run] = written, study.asked(run)
+            self._asked[run] = written, (*study.asked(run), study.reader(run))
         return self._asked[run][1]
 
 
@@ -222,15 +227,15 @@ def _section(model: LiveModel) -> str:
     return f"<section><h2><bdi>{escape(model.name)}</bdi></h2><p>{escape(model.words)}</p>{amiss}{table}</section>"
 
 
-def _asked(name: str, attempts: Iterator[SentAttempt], book: Book, space: AnySpace) -> LiveModel:
+def _asked(name: str, attempts: Iterator[SentAttempt], book: Book, space: AnySpace, read: DecisionReader) -> LiveModel:
     served, decisions, first, empty, replies = ServedChecks(), Counter[str](), list[LiveAnswer](), 0, 0
     for attempt in attempts:
         book.add(attempt)
         served.add(attempt)
         if attempt.reply is None:
             continue
-        read = space.read(attempt.reply)
-        said = space.symbol(read.action) if read.action is not None else f"no decision ({read.why or read.missing})"
+        found = read(attempt.key, attempt.reply)
+        said = space.symbol(found.action) if found.action is not None else f"no decision ({found.why or found.missing})"
         replies += attempt.reply.error is None
         empty += attempt.reply.error is None and not attempt.reply.text.strip()
         decisions[said] += 1

@@ -4,6 +4,7 @@ An action is the answer in words, such as ``throttle=Increase steer=Left``, so t
 records compare it like any named action.
 """
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -261,7 +262,7 @@ def _worded(field: AnswerField, value: Value) -> str:
         return f"{field.name}=[{', '.join(f'{number + 0.0:.15g}' for number in value)}]"
     if isinstance(value, float):
         value = (field.range_of(value) if field.values else None) or f"{value + 0.0:.15g}"
-    plain = value.replace(" ", "") if field.kind == "number" else value
+    plain = value.replace(" ", "") if field.kind == "number" else json.dumps(value) if "=" in value else value
     return f"{field.name}{plain}" if plain[:1] in "<>" else f"{field.name}={plain}"
 
 
@@ -286,6 +287,18 @@ def _given(space: AnswerSpace, told: tuple[str, ...]) -> AnswerSpace:
     return replace(space, candidates=tuple(allowed))
 
 
+@lru_cache(maxsize=4096)
+def _in_words(space: AnswerSpace, field: AnswerField) -> AnswerField:
+    """Return a field without a place as one whose values are the frame's names, if words can hold them."""
+    names = dict(space.candidates).get(field.name, ())
+    if not names or field.key is not None or field.pattern is not None:
+        return field
+    try:
+        return replace(field, from_column=None, values=names)
+    except SpecError:
+        return field
+
+
 @lru_cache(maxsize=_READINGS_KEPT)
 def _read_declared(space: AnswerSpace, text: str, finish_reason: str | None, error: str | None) -> Decision[str]:
     if (missing := why_unanswered(finish_reason, error)) is not None:
@@ -293,7 +306,7 @@ def _read_declared(space: AnswerSpace, text: str, finish_reason: str | None, err
     visible = without_thinking(text).strip()
     if not visible:
         return Decision(None, "empty")
-    found = read_fields(visible, space.fields)
+    found = read_fields(visible, [_in_words(space, field) for field in space.fields])
     if found.values is None:
         if found.why == "refused" or (found.why == "no_answer" and refuses(visible)):
             return Decision(None, "refused")

@@ -237,6 +237,11 @@ def space_from(values: dict[str, object], where: str, name: str) -> Discrete:
         "aliases": {},
     }
     for key in values:
+        if key == "answer":
+            raise SpecError(
+                f"{where}: [answer] says how a reply is read, and stands in the file of a prompt (--prompt FILE.toml); "
+                "actions of a bank are names alone"
+            )
         if key not in known:
             raise SpecError(f"{where}: an action space has no '{key}'; it has {', '.join(known)}")
     if "actions" not in values:

@@ -57,6 +57,21 @@ _UNITS = re.compile(
     r"(?![^\W_])",
     re.IGNORECASE,
 )
+_FURTHER_UNITS = re.compile(
+    r"\s?(?:knots?|kts?|kn|mi(?:les?)?|yards?|yd|inch(?:es)?|min(?:utes?)?|h(?:ours?|rs?)?|percent|fps|"
+    r"(?:kilo|centi|milli)?met(?:re|er)s?|kilomet(?:re|er)s?|g)\b"
+)
+_PER = re.compile(r"\s?(?:/|per\b)\s?(?:\w+)", re.IGNORECASE)
+"""What makes another unit of a unit: "5 m per second" is no 5 m."""
+_THOUSANDS = re.compile(r"[ \u00a0\u202f\u2009'’_]\d{3}(?!\d)")
+_SIGN_WORD = re.compile(r"\b(?:minus|negative)\s*\Z", re.IGNORECASE)
+_DENIED = re.compile(
+    r"\b(?:not|n't|never|no longer|avoid|instead of|rather than|neither|nor|without)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z"
+    r"|(?<=n't)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z",
+    re.IGNORECASE,
+)
+_EXAMPLE = re.compile(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
+_SAID = r"(?:\s*(?:[:=]|\b(?:is|was|will be|should be|shall be|must be|becomes|to|of)\b))"
 _OBJECT_AT_MOST = 20_000
 
 
@@ -305,9 +320,17 @@ def _by_key(field: AnswerField, objects: Sequence[_JsonPairs], rest: str) -> lis
     if re.search(rf"[\"'`]{leaf}[\"'`]\s*[:=]", rest):
         return [_NoFieldValue("malformed")]  # the broken object may correct the whole one
     found = [_value(field, one) for pairs in objects for one in _at(pairs, path)]
-    if found and re.search(rf"(?<![\w.]){leaf}\s*[:=]", rest, re.IGNORECASE):
+    if found and _says_more(field, leaf, rest):
         return [_NoFieldValue("several_values")]
     return found
+
+
+def _says_more(field: AnswerField, leaf: str, rest: str) -> bool:
+    """Return whether the words around the objects say the field again, as in "Actually speed is 4"."""
+    if re.search(rf"(?<![\w.]){leaf}\s*[:=]", rest, re.IGNORECASE):
+        return True
+    value = r"[+-]?\.?\d" if field.kind == "number" else "|".join(map(re.escape, field.values)) or r"\Z(?!\Z)"
+    return re.search(rf"(?<![\w.]){leaf}{_SAID}\s*[\"'`*]*(?:{value})(?!\w)", rest, re.IGNORECASE) is not None
 
 
 def _at(value: object, path: Sequence[str]) -> Iterator[object]:
@@ -329,7 +352,8 @@ def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
     for start, behind, _ in found:
         rest.append(text[end:start])
         end = behind
-    return tuple(pairs for _, _, pairs in found), "\n".join((*rest, text[end:]))
+    meant = (pairs for start, _, pairs in found if _EXAMPLE.search(text, max(0, start - 40), start) is None)
+    return tuple(meant), "\n".join((*rest, text[end:]))
 
 
 _PYTHON = re.compile(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
@@ -404,11 +428,28 @@ def _cut(field: AnswerField, text: str, start: int, end: int) -> _NoFieldValue |
     if not inner.strip():
         return None
     unit = _UNITS.match(behind) if inner[-1].isdigit() else None
+    if _is_denied(inner, before):
+        return _NoFieldValue("no_answer")
+    if inner[-1].isdigit() and _has_other_unit(field, behind, unit):
+        return _NoFieldValue("other_unit")
     if _is_inside(inner, before, behind, followed=unit is not None):
         return _NoFieldValue("part_of_a_word")
     if _is_one_of_several(field, inner, behind if unit is None else behind[unit.end() :]):
         return _NoFieldValue("several_values")
-    return _NoFieldValue("other_unit") if unit is not None and unit[1] != field.unit else None
+    return None
+
+
+def _is_denied(inner: str, before: str) -> bool:
+    """Return whether the words before a value take it back: "not speed: 3"; "minus 3" is no 3."""
+    last = before[-60:]
+    return _DENIED.search(last) is not None or (inner[0].isdigit() and _SIGN_WORD.search(last) is not None)
+
+
+def _has_other_unit(field: AnswerField, behind: str, unit: re.Match[str] | None) -> bool:
+    """Return whether a number is followed by another unit than the field's."""
+    if field.unit and re.match(rf"\s?{re.escape(field.unit)}(?![\w/])", behind):
+        return _PER.match(behind, re.match(r"\s?", behind).end() + len(field.unit)) is not None  # type: ignore[union-attr]
+    return unit is not None or _FURTHER_UNITS.match(behind) is not None
 
 
 def _is_inside(inner: str, before: str, behind: str, *, followed: bool) -> bool:
@@ -418,6 +459,8 @@ def _is_inside(inner: str, before: str, behind: str, *, followed: bool) -> bool:
     if re.match(r"[\d.]", inner) and re.search(r"[+-]\s?\Z|\d[.,]\Z|\.\Z(?<=\W\.)", before[-3:]):
         return True
     if re.match(r"\w", inner[-1]) and re.match(r"\w|-[^\W\d]", behind) and not followed:
+        return True
+    if inner[-1].isdigit() and _THOUSANDS.match(behind):
         return True
     return inner[-1].isdigit() and re.match(r"[.,]\d|\s?[/×x*^]\s?\d|[eE][+-]?\d", behind) is not None
 

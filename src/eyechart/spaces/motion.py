@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal, cast, get_args
@@ -107,6 +107,27 @@ class Motion:
             raise ValueError(f"an array of {array.size} numbers is too large; at most {MOST_NUMBERS} are kept")
         kind = f"<f{array.dtype.itemsize}" if array.dtype.kind == "f" else "<f8"
         return cls(array.shape, kind, np.ascontiguousarray(array, dtype=kind).tobytes())
+
+    @classmethod
+    def each(cls, given: object, count: int) -> "list[Motion | ValueError]":
+        """Return the motions of a batch, or why one is none; the batch may stand in a dict as ``actions``.
+
+        Raises ValueError if it holds another number of answers.
+        """
+        many = _alone(given) if isinstance(given, Mapping) else given
+        with raising(ValueError, f"a {type(given).__name__} holds no answers", of=TypeError):
+            answers = list(cast("Iterable[object]", many))
+        if len(answers) != count:
+            few = f"{count} queries got {len(answers)} answers"
+            raise ValueError(f"{few}; a callable with 'batch' returns a list of arrays, one for each")
+        return [cls._or_why(one) for one in answers]
+
+    @classmethod
+    def _or_why(cls, given: object) -> "Motion | ValueError":
+        try:
+            return cls.of(given)
+        except ValueError as error:
+            return error
 
     @cached_property
     def array(self) -> Floats:

@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
+from eyechart.calls import DecisionReader, read_in
 from eyechart.costs import ALL, Account, UnreadReply, unread
 from eyechart.errors import LedgerError, SpecError, text_file, why
 from eyechart.frames import FrameBank
@@ -244,6 +245,10 @@ class Study(ABC, Generic[S]):
     def asked(self, run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
         """Return the manifest of one run, and the space that reads its replies."""
 
+    def reader(self, run: Path) -> DecisionReader:
+        """Return what reads the reply of each call of one run, as the run's score does."""
+        return read_in(self.asked(run)[1])
+
     def models(self, folder: Path) -> list[str]:
         """Return the SPECs of all models in a folder's runs."""
         asked = (self.manifest(run).models for run in self.runs(folder).values())
@@ -257,11 +262,11 @@ class Study(ABC, Generic[S]):
         """Return the replies of each model that hold no decision, in all runs of a folder."""
         result: dict[str, tuple[UnreadReply, ...]] = {}
         for name, run in self.runs(folder).items():
-            manifest, space = self.asked(run)
+            (manifest, space), read = self.asked(run), self.reader(run)
             if (run / LEDGER).is_file():
                 with Ledger(run / LEDGER) as ledger:
                     where = f" in {name}" if name else ""
-                    result |= {f"{spec}{where}": unread(ledger, spec, space) for spec in manifest.models}
+                    result |= {f"{spec}{where}": unread(ledger, spec, space, read) for spec in manifest.models}
         return result
 
     def verdicts(self, score: S) -> "Mapping[str, Verdict]":

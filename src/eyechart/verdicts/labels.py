@@ -224,17 +224,23 @@ PROMPTED: dict[str, Label] = {
 class UseLabel(Label):
     """One label of an axis of a policy, or a guard in its place.
 
-    ``rank`` is its place in the order of its axis: 0 says that nothing of the channel is used, None
-    that the label says nothing. ``advice`` is for a person who trains the policy.
+    ``rank`` is its place in the order of its axis, by the least use that it claims: 0 says that
+    nothing of the channel is used, None that the label says nothing. ``advice`` is for a person who
+    trains the policy; of a label that ``may_be_more`` it is what would settle that.
     """
 
     rank: int | None = None
     advice: str = ""
+    may_be_more: bool = False
 
     @property
     def is_open(self) -> bool:
         """Return whether it says nothing of its channel."""
         return self.rank is None
+
+    def leaves_open(self, other: "UseLabel") -> bool:
+        """Return whether another label of its axis, of as much use or more, may hold all the same."""
+        return (self.is_open or self.may_be_more) and (other.rank or 0) >= (self.rank or 0)
 
     @property
     def is_absence(self) -> bool:
@@ -252,6 +258,14 @@ CAMERA: dict[str, UseLabel] = {
     ),
     "camera_content": UseLabel(
         "What the picture shows decides, beyond what the state tells.", "sees", answer="Yes", rank=3
+    ),
+    "uses_camera": UseLabel(
+        "It uses the camera; whether for more than its own pose is open.",
+        "partly",
+        otherwise="cannot say",
+        answer="In part",
+        rank=2,
+        may_be_more=True,
     ),
     "pose_only": UseLabel(
         "Of the picture it uses only what its own state tells as well.",
@@ -275,7 +289,9 @@ CAMERA: dict[str, UseLabel] = {
         advice="ask 'eyechart doctor SPEC --frames {bank}' whether the picture reaches it; if so, train where the "
         "state alone does not tell what to do.",
     ),
-    "undecided": UseLabel("The run does not settle what the picture is used for.", otherwise="cannot say"),
+    "undecided": UseLabel(
+        "The run does not settle what the picture is used for.", otherwise="cannot say", may_be_more=True
+    ),
 }
 """The labels of the cameras of a policy, the strongest first."""
 
@@ -288,7 +304,9 @@ STATE: dict[str, UseLabel] = {
     ),
     "state_used": UseLabel("Its state is used.", rank=1),
     "ignores_state": UseLabel("Its state could be another episode's, and hardly anything would change.", rank=0),
-    "undecided": UseLabel("The run does not settle whether the state is used.", otherwise="cannot say"),
+    "undecided": UseLabel(
+        "The run does not settle whether the state is used.", otherwise="cannot say", may_be_more=True
+    ),
 }
 """The labels of the state of a policy."""
 
@@ -301,7 +319,9 @@ INSTRUCTION: dict[str, UseLabel] = {
         advice="train with several instructions in one scene, so that the picture does not tell the task.",
     ),
     "no_power": UseLabel("On this bank it cannot be told something else.", otherwise="cannot say"),
-    "undecided": UseLabel("The run does not settle whether the instruction is followed.", otherwise="cannot say"),
+    "undecided": UseLabel(
+        "The run does not settle whether the instruction is followed.", otherwise="cannot say", may_be_more=True
+    ),
 }
 """The labels of the instruction of a policy."""
 

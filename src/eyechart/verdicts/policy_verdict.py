@@ -28,6 +28,7 @@ from eyechart.verdicts.share_predicates import (
     Statistics,
     disuse,
     every,
+    fails,
     following,
     measured,
     sentence,
@@ -167,6 +168,7 @@ def judge_policy(
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
     remarks = [f"{left} calls are unfinished: what is said of part of a run may change"] if left else []
+    remarks += _fails_on(asked.failing)
     guarded = UNGUARDED.evaluate(known)
     nothing = judged(guarded)
     if failed:
@@ -382,6 +384,13 @@ def _unguarded() -> Iterator[Rule]:
 
 
 UNGUARDED = Axis("unguarded", tuple(_unguarded()))
+
+
+def _fails_on(failing: Mapping[str, tuple[int, int]]) -> Iterator[str]:
+    """Say which computed pictures a policy fails on, and that it is judged by the others."""
+    if failing:
+        said = ", and ".join(fails(name, *counts) for name, counts in failing.items())
+        yield sentence(f"{said}: what it would do there is not known, and it is judged by its other answers", end="")
 
 
 def _left_out(motions: Statistic, missing: Mapping[str, int]) -> Iterator[str]:

@@ -42,11 +42,15 @@ Statistics = Mapping[str, Statistic]
 
 @dataclass(frozen=True)
 class MissingConditions:
-    """The conditions that a run left out, why its bank lacks others, and the bank's folder."""
+    """The conditions that a run left out, why its bank lacks others, and the bank's folder.
+
+    ``failing`` has those that a policy fails on: the calls without a motion, and all.
+    """
 
     unasked: frozenset[str] = frozenset()
     lacking: Mapping[str, str] = field(default_factory=dict)
     bank: str = "BANK"
+    failing: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 EVERYTHING = MissingConditions()
@@ -66,7 +70,8 @@ def as_read(name: str, statistic: Statistic) -> Share:
 class ShareStatistics(dict[str, Share]):
     """The statistics of a policy, each of its kind, with facts on its run that rules read.
 
-    ``asked.CONDITION`` is 0 where the run did not ask it, and has no value where its bank lacks it.
+    ``asked.CONDITION`` is 0 where the run did not ask it, the share of its calls without a motion
+    where the policy fails on it, and has no value where its bank lacks it.
     A statistic that is missing has an n of -1, and no other number.
     """
 
@@ -75,6 +80,10 @@ class ShareStatistics(dict[str, Share]):
             {name: as_read(name, statistic) for name, statistic in statistics.items()}
             | {f"asked.{name}": Share(None, 0, note=why) for name, why in asked.lacking.items()}
             | {f"asked.{name}": Share(0.0, 0, note=f"the run did not ask {name}") for name in asked.unasked}
+            | {
+                f"asked.{name}": Share(empty / calls, calls, note=fails(name, empty, calls))
+                for name, (empty, calls) in asked.failing.items()
+            }
             | {name: Share(float(holds), 1) for name, holds in facts.items()}
         )
         self.bank = shlex.quote(asked.bank)
@@ -83,9 +92,16 @@ class ShareStatistics(dict[str, Share]):
         return _kind(name)(None, -1)
 
     def forgot(self, *conditions: str) -> str:
-        """Return in words which of some conditions the run did not ask."""
-        names = [name for name in conditions if self[f"asked.{name}"].value is not None]
-        return f"the run did not ask {', '.join(names)}" if names else ""
+        """Return in words which of some conditions the run did not ask, or the policy fails on."""
+        names = [name for name in conditions if self[f"asked.{name}"].value == 0]
+        unasked = [f"the run did not ask {', '.join(names)}"] if names else []
+        failing = [one.note for name in conditions if (one := self[f"asked.{name}"]).value]
+        return ", and ".join((*unasked, *failing))
+
+
+def fails(condition: str, empty: int, calls: int) -> str:
+    """Return in words on how many pictures of a condition a policy fails."""
+    return f"it fails on {empty} of {calls} {condition} pictures"
 
 
 _FEW_LOST = Reading("lost", "<=", UNSCORABLE, otherwise=True)

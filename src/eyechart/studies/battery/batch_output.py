@@ -18,6 +18,7 @@ from eyechart.records import parse_json
 
 _UNASKED = {"batch_expired", "batch_cancelled", "batch_canceled"}
 """The codes of errors by which a request was never made."""
+_CHAT = "chat.completion"
 _MOST_KEY = 200
 
 
@@ -36,12 +37,21 @@ def is_batch(path: Path) -> bool:
 
 
 def served_by(path: Path) -> str:
-    """Return the model that the first answered line names, else the file's name without ending."""
+    """Return the model that the answered lines name, else the file's name without ending.
+
+    Raises SourceError if they name several: a run has the answers of each under its own name.
+    """
+    named: dict[str, None] = {}
     for line in text_lines(path, None):
         model = _part(_part(_object(line), "response"), "body").get("model") if line.strip() else None
         if isinstance(model, str) and model.strip():
-            return printable(model)[:_MOST_KEY]
-    return printable(path.stem)
+            named[printable(model)[:_MOST_KEY]] = None
+    if len(named) > 1:
+        raise SourceError(
+            f"{path} has answers of several models: {', '.join([*named][:5])}. Write the lines of each model into a "
+            "file of its own, and import these one after another"
+        )
+    return next(iter(named), printable(path.stem))
 
 
 def read_batch(path: Path, faults: Faults, progress: Progress | None = None) -> Iterator[ImportedAnswer]:
@@ -84,8 +94,20 @@ def _reply(where: str, row: Mapping[str, object]) -> Reply:
     body, status = _part(response, "body"), response.get("status_code")
     if not isinstance(status, int) or isinstance(status, bool) or not 100 <= status <= 599 or not body:
         raise SourceError(f"{where} has no error and no response with a status_code and a body")
+    kind_of, choices = body.get("object"), body.get("choices")
+    if isinstance(kind_of, str) and kind_of != _CHAT:
+        raise SourceError(
+            f"{where}: its body is a {kind_of}, of another endpoint; a run takes {_CHAT} of /v1/chat/completions"
+        )
+    if isinstance(choices, list) and all(isinstance(one, dict) for one in choices):
+        body = {**body, "choices": sorted(choices, key=_place)}
     with raising(SourceError, f"{where}: the body cannot be read", of=TypeError):
         return read_completion(body, status)
+
+
+def _place(choice: Mapping[str, object]) -> int:
+    index = choice.get("index")
+    return index if isinstance(index, int) else 0
 
 
 def _object(line: str) -> Mapping[str, object]:

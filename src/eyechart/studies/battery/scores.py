@@ -326,8 +326,8 @@ def taken(
     kept: dict[str, tuple[Guard, ...]] = {}
     requests = RequestChecks()
     for spec in manifest.models:
-        mode, space = manifest.mode(spec), plan.space
-        book, checks = Book(mode, space, prices), GuardChecks(mode, space)
+        mode = manifest.mode(spec)
+        book, checks = Book(mode, plan.read, prices), GuardChecks(mode, plan.read)
         for attempt in ledger.attempts(spec):
             book.add(attempt)
             checks.add(attempt)

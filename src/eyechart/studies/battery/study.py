@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Unpack
 
+from eyechart.calls import DecisionReader, read_in
 from eyechart.frames import read_bank_manifest
 from eyechart.gate import REQUIREMENTS, Gate, Terms, hold
 from eyechart.manifest import BANK, RunManifest, asked_space, read_manifest, read_run
@@ -23,7 +24,7 @@ from eyechart.studies import (
     Tell,
     run_json,
 )
-from eyechart.studies.battery.plans import STUDY
+from eyechart.studies.battery.plans import STUDY, plan_of
 from eyechart.studies.battery.scores import BatteryScore, require_scorable, score, score_run, took
 from eyechart.studies.battery.series import SERIES, results
 from eyechart.verdicts import LABELS, Verdict, judge, words_of
@@ -52,6 +53,10 @@ class FrameStudy(Study[S]):
         manifest = read_manifest(run)
         space = asked_space(read_bank_manifest(run / BANK), manifest.prompt, manifest.reader)
         return manifest, manifest.prompt.asks(space)
+
+    def reader(self, run: Path) -> DecisionReader:
+        space = self.asked(run)[1]
+        return plan_of(*read_run(run)).read if space.columns else read_in(space)
 
     def took_run(self, run: Path, prices: Prices) -> RunCosts:
         return RunCosts(*took(run, prices=prices), probes=dict(read_manifest(run).probes))

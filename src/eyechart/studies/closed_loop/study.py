@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eyechart import episodes
+from eyechart.calls import read_in
 from eyechart.costs import Book
 from eyechart.episodes import UnfinishedEpisodes, every_episode, read_episodes, read_manifest, unfinished
 from eyechart.integrity import ServedChecks, ServedGuard
@@ -234,7 +235,7 @@ class EpisodeStudy(Study[S]):
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
                 for spec in manifest.models:
-                    book, served = Book(manifest.mode(spec), space, prices), ServedChecks(manifest.mode(spec))
+                    book, served = Book(manifest.mode(spec), read_in(space), prices), ServedChecks(manifest.mode(spec))
                     for attempt in ledger.attempts(spec):
                         book.add(attempt)
                         served.add(attempt)

@@ -61,7 +61,7 @@ from eyechart.stats.total_effect import (
 from eyechart.studies.policy.motions import Floats, Motions
 from eyechart.verdicts.policy_rules import RESPONDS, SURENESS, rests_on
 from eyechart.verdicts.policy_verdict import CONSTANT
-from eyechart.verdicts.share_predicates import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, quote
+from eyechart.verdicts.share_predicates import ALPHA, IGNORED, LEAST_EPISODES, LEAST_NOISE, USED, fails, quote
 
 NOT_ASKED = "the run did not ask this"
 NOT_FINISHED = "none of its calls is finished"
@@ -84,8 +84,9 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     ``shapley.CHANNEL`` exists if the run has every subset of the channels.
     """
     taken = Effects(motions, drawn=drawn, seeded=seeded)
+    missing, calls = motions.judged()
     statistics = {
-        "motions": rate(motions.finished - sum(motions.missing.values()), motions.finished),
+        "motions": rate(calls - sum(missing.values()), calls),
         "misfit": taken.misfit(),
         "variation": taken.variation_share(),
         "noise": taken.noise(),
@@ -279,6 +280,8 @@ class Effects:
         plan = self._motions.plan
         if condition not in plan.conditions:
             return NOT_ASKED
+        if counts := self._motions.fails_on.get(condition):
+            return fails(condition, *counts)
         return NOT_FINISHED if any(plan.shows(condition, frame) for frame in plan.frames) else NOT_SHOWN
 
     def _answered(self, condition: str) -> Places | str:
@@ -511,12 +514,12 @@ class Effects:
         """Return how far the answer follows a moved object; of two, how much farther the first."""
         gains, full = self._gains(which[0])
         if gains is None:
-            return not_available(NOT_ASKED)
+            return self._unmoved(which[:1])
         heading, parts = None, None
         if len(which) > 1:
             less, _ = self._gains(which[1])
             if less is None:
-                return not_available(NOT_ASKED)
+                return self._unmoved(which[1:])
             gains = gains - less
             parts = dict(self._parts(which, gains, full))
         else:
@@ -588,7 +591,7 @@ class Effects:
         (named, named_full), (other, other_full) = own
         (named_told, _), (other_told, _) = told
         if named is None or other is None or named_told is None or other_told is None:
-            return not_available(NOT_ASKED)
+            return self._unmoved(OBJECTS, TOLD)
         found = self._followed((named - other - named_told + other_told) / 2, (named_full + other_full) / 2)
         return self._counted(found, *MOVES, *(f"{TOLD}{name}" for name in MOVES))
 
@@ -610,6 +613,13 @@ class Effects:
         full = 2 * squared_distance(own, other)
         found = follow(errors[0] - errors[1], full, self._episodes[frames], seed=key_seed("logged"))
         return self._counted(found, condition)
+
+    def _unmoved(self, objects: Sequence[str], *told: str) -> Statistic:
+        """Return why objects are not known to be followed."""
+        moves = [name for name in MOVES if name.startswith(tuple(objects))]
+        names = [*moves, *(f"{head}{name}" for head in told for name in moves)]
+        failed = (name for name in names if name in self._motions.fails_on)
+        return not_available(next((self._absent(name) for name in failed), NOT_ASKED))
 
     def _followed(self, gains: Floats, full: Floats) -> Statistic:
         good = np.isfinite(gains) & np.isfinite(full)
@@ -637,7 +647,7 @@ class Effects:
         """Return the distance of the mirrored moment's answer from the reflected one; 0 fits."""
         changed, space = self._motions.of("mirrored"), self._motions.plan.motions
         if changed is None:
-            return not_available(NOT_ASKED)
+            return not_available(self._absent("mirrored") if "mirrored" in self._motions.fails_on else NOT_ASKED)
         frames = self._whole(self._real, changed)
         if not len(frames):
             return not_available(NO_FRAMES)

@@ -12,9 +12,11 @@ import numpy.typing as npt
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import CAMERAS, STATE, flat_state, logs, partners, relative_log, whose
 from eyechart.conditions import OVER, PARTNERS
+from eyechart.conditions.policies import COMPUTED
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import reflect
 from eyechart.stats.partners import NOBODY, Places
+from eyechart.verdicts.share_predicates import UNSCORABLE
 
 Floats = npt.NDArray[np.float64]
 
@@ -24,18 +26,37 @@ class Motions:
     """One policy's answers about the frames of a plan.
 
     ``answers`` maps a condition to an array (answers, frames, steps, dimensions), NaN if missing.
-    ``missing`` counts calls without a motion by reason; ``planned`` and ``finished`` count the
-    plan's calls. ``order`` has the attempts in the order of sending. ``without`` counts by
-    condition the finished calls without a motion, and all finished ones.
+    ``reasons`` counts by condition the calls without a motion, by reason; ``planned`` and
+    ``finished`` count the plan's calls. ``order`` has the attempts in the order of sending.
+    ``without`` counts by condition the finished calls without a motion, and all finished ones. A
+    condition that the policy ``fails_on`` has no answers.
     """
 
     plan: MotionPlan
     answers: Mapping[str, Floats]
-    missing: Mapping[str, int] = field(default_factory=dict)
+    reasons: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     order: Sequence[CallKey] = ()
     planned: int = 0
     finished: int = 0
     without: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> dict[str, int]:
+        """Return how many calls hold no motion, by reason."""
+        return _summed(self.reasons.values())
+
+    @cached_property
+    def fails_on(self) -> dict[str, tuple[int, int]]:
+        """Return the computed pictures with too few motions: calls without one, and all, by condition."""
+        return failing(self.without)
+
+    def judged(self) -> tuple[dict[str, int], int]:
+        """Return by reason the calls without a motion that count against it, of how many calls.
+
+        Those on pictures that it fails on do not.
+        """
+        kept = [name for name in self.without if name not in self.fails_on]
+        return _summed(self.reasons.get(name, {}) for name in kept), sum(self.without[name][1] for name in kept)
 
     def lost(self, *conditions: str) -> float:
         """Return the largest share of finished calls without a motion, ``real`` included."""
@@ -163,6 +184,25 @@ class Motions:
         return {frame.id: place for place, frame in enumerate(self.plan.bank)}
 
 
+def failing(without: Mapping[str, tuple[int, int]]) -> dict[str, tuple[int, int]]:
+    """Return the counts of the conditions of computed pictures with too few motions to be judged by.
+
+    A detector in front of a policy may find nothing in a grey picture: that is no fault elsewhere.
+    """
+    return {
+        name: (empty, finished)
+        for name, (empty, finished) in without.items()
+        if name.partition(OVER)[0] in COMPUTED and empty > UNSCORABLE * finished
+    }
+
+
+def _summed(many: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    total = Counter[str]()
+    for one in many:
+        total.update(one)
+    return dict(total)
+
+
 def read_motions(
     replies: Iterable[tuple[CallKey, Reply]], plan: MotionPlan, model: str, order: Sequence[CallKey] = ()
 ) -> Motions:
@@ -175,7 +215,7 @@ def read_motions(
     place = {frame.id: number for number, frame in enumerate(plan.frames)}
     shape = (turns, len(plan.frames), *plan.motions.shape)
     found: dict[str, Floats] = {}
-    missing: Counter[str] = Counter()
+    reasons: dict[str, Counter[str]] = {}
     each, empty = Counter[str](), Counter[str]()
     for key, reply in replies:
         if key not in expected or reply.error in UNFINISHED:
@@ -187,10 +227,11 @@ def read_motions(
             continue  # it has the seed of all calls, and only tests whether that fixes the answer
         array = found.setdefault(key.condition, np.full(shape, np.nan))
         if decision.action is None:
-            missing[str(decision.reason)] += 1
+            reasons.setdefault(key.condition, Counter())[str(decision.reason)] += 1
         else:
             array[key.repeat, place[key.frame]] = decision.action.array
     if "real_repeat" in found:
         found["real_repeat"] = found["real_repeat"][:1]
     without = {name: (empty[name], count) for name, count in each.items()}
-    return Motions(plan, found, dict(missing), order, len(expected), each.total(), without)
+    found = {name: array for name, array in found.items() if name not in failing(without)}
+    return Motions(plan, found, reasons, order, len(expected), each.total(), without)

@@ -201,7 +201,7 @@ def _next(verdict: PolicyVerdict, score: PolicyScore) -> list[str]:
     )
     found = [GUARDS[name].advice for name in verdict.guards]
     found += filter(None, (_of_label(name, each, score) for name, each in axes.items()))
-    still_open = [name for name, each in axes.items() if each.label == "undecided"]
+    still_open = [name for name, each in axes.items() if USES[each.label].may_be_more]
     found += dict.fromkeys(str(settling(score, verdict.model, CHANNEL_OF[name])) for name in still_open)
     spare = [
         name for name, judged in verdict.cameras.items() if judged.label == "ignores_camera" != verdict.camera.label
@@ -211,10 +211,13 @@ def _next(verdict: PolicyVerdict, score: PolicyScore) -> list[str]:
     elif spare and not verdict.guards:
         found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may show the same.")
     for name, judged in verdict.cameras.items() if not verdict.guards else ():
-        if judged.label == "undecided" != verdict.camera.label:
-            found.append(
-                f"the use of the {name} camera is undecided: {settling(score, verdict.model, f'camera:{name}')}"
+        if USES[judged.label].may_be_more and judged.label != verdict.camera.label:
+            use = (
+                "what it uses the {} camera for is open"
+                if USES[judged.label].rank
+                else "the use of the {} camera is undecided"
             )
+            found.append(f"{use.format(name)}: {settling(score, verdict.model, f'camera:{name}')}")
     return found or [named(UNFIT, score) if is_unfit(verdict) else FINE]
 
 

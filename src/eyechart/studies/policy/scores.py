@@ -134,7 +134,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
 def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
     """Return the verdict on every policy of a run."""
     supplied, lacking = conditions_of(found.bank, reading=False)
-    missingconditions = MissingConditions(
+    unasked = MissingConditions(
         frozenset(supplied) - frozenset(found.manifest.conditions), lacking, found.manifest.bank_path
     )
     return {
@@ -143,10 +143,10 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
             model.statistics,
             found.channels,
             scope=found.scope(spec),
-            missing=model.motions.missing,
+            missing=model.motions.judged()[0],
             left=model.motions.planned - model.motions.finished,
             reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
-            asked=missingconditions,
+            asked=replace(unasked, failing=model.motions.fails_on),
         )
         for spec, model in found.models.items()
     }
