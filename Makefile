@@ -25,7 +25,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-adversaries long-noise long-calls long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -48,6 +48,7 @@ help:
 	@echo "make long-adversaries  adversaries and readers on fresh banks through the real run and in simulated worlds, beside their truth"
 	@echo "make long-noise   paired runs of readers and near misses in simulated worlds: does a coin buy a stronger label?"
 	@echo "make long-calls   how many calls each kind of controller takes, on the source of 0.2.0.dev0 and on today's"
+	@echo "make long-edits   banks edited from photographs beside rendered ones: labels of 15 controllers, errors of gaps, holes"
 	@echo "make long-calibration  200 simulated banks of each setting, judged: docs/calibration.md anew"
 	@echo "make long-power   the power that a plan prints, against models that are drawn, scored and judged"
 	@echo "make long-replies  a million replies made from the corpus by mutation, each read: no exception, no guess"
@@ -198,6 +199,9 @@ long-noise: $(CORE)
 long-calls: $(CORE)
 	test -d build/0.2.0.dev0 || { mkdir -p build/0.2.0.dev0 && git archive $(TRIED_COMMIT) src | tar -x -C build/0.2.0.dev0; }
 	$(BIN)/python benchmarks/calls_by_kind.py
+
+long-edits: $(CORE)
+	$(BIN)/python benchmarks/edited_banks.py
 
 long-calibration: $(CORE)
 	mkdir -p build

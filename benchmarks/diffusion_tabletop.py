@@ -26,7 +26,7 @@ CACHE = Path(os.environ.get("EYECHART_DIFFUSION", "build/diffusion"))
 STEPS, KEYPOINTS = 12_000, 16
 EPISODES, FRAMES = 36, 4
 """Of a bank: of 12 episodes some labels stood at their bounds, which no equal labels can be asked of."""
-NO_CONTENT = ("ignores_camera", "pose_only", "undecided")
+NO_CONTENT = ("ignores_camera", "pose_only", "uses_camera", "undecided")
 EXPECTED = {"sees": act_tabletop.EXPECTED["sees"], "privileged": {"camera": NO_CONTENT}}
 """Trained so briefly, the policy whose state tells all still reads something of its own pose from the wrist: how much
 of it, from below .10 to above, goes with the training, and no content may be said of it."""

@@ -525,6 +525,20 @@ def test_an_object_that_is_followed_is_seen() -> None:
     assert verdict(matched=IGNORED, follow=FOLLOWED).camera.label == "uses_camera"
 
 
+def test_no_absence_rests_on_a_control_that_it_fails_on() -> None:
+    """Further objects make it fail, so that whether it answers to them is open; moved ones bound nothing either."""
+    nothing = Share(None, 0, note="it fails on 72 of 72 decoys pictures")
+    failing = MissingConditions(failing={"decoys": (72, 72)})
+    found = verdict(**GONE, asked=failing, **{"T.decoys": nothing}).camera
+    assert found.label == "undecided"
+    assert "whether other pictures show a use is open: it fails on 72 of 72 decoys pictures" in found.because
+    assert verdict(**GONE, **{"T.decoys": IGNORED}).camera.label == "ignores_camera"
+    moved = verdict(follow=None, asked=MissingConditions(failing={"named_plus": (70, 72)}))
+    assert (moved.camera.label, moved.camera.may_be) == ("camera_content", "object_grounded")
+    assert "it fails on 70 of 72 named_plus pictures, so whether it is followed is open" in moved.camera.why_not
+    assert moved.remarks[0].startswith("It fails on 70 of 72 named_plus pictures: what it would do there is not known")
+
+
 def test_noise_is_a_remark_and_no_label() -> None:
     """No robot is shown noise; but who answers to it was given its pictures."""
     found = verdict(**GONE, **{"T.noise": USED})

@@ -166,6 +166,8 @@ def test_what_cannot_be_said_is_neither_shown_nor_refuted(clause: Clause) -> Non
     silent = {
         clause.statistic: Density(None, 0, fewest=None) if "drawn" in clause.statistic else not_available("nothing")
     }  # type: ignore[arg-type]
+    if clause.when:
+        silent.setdefault(clause.when, Statistic(1.0, 1))
     assert clause.outcome(silent) is None
     assert ruled(**silent).label in {"depth", "depth_associated"}
 

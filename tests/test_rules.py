@@ -131,6 +131,8 @@ class Silent(dict[str, Statistic]):
     def __init__(self, clause: Clause) -> None:
         names = {clause.statistic, *clause.family}
         super().__init__({name: Statistic(None, 0) for name in names})
+        if clause.when:
+            self.setdefault(clause.when, Statistic(1.0, 1))
 
 
 def side(reading: Reading, by: float) -> Statistic:

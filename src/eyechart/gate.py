@@ -1,10 +1,11 @@
 """A gate checks a run against requirements: yes, no, or "cannot say" without evidence."""
 
+import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Protocol, TypedDict, Unpack
 
-from eyechart.errors import SpecError, did_you_mean
+from eyechart.errors import SpecError, did_you_mean, require_known
 from eyechart.integrity import Guard, ServedGuard, unfinished
 from eyechart.modes import made_elsewhere
 from eyechart.stats.agreement import clopper_pearson
@@ -54,12 +55,13 @@ class FurtherTerms(TypedDict, total=False):
 
     ``order`` bounds the share of comparisons in the wrong order. ``allow_fingerprints`` accepts one
     model with several server configurations. ``made_elsewhere`` accepts answers whose questions
-    only their maker knows.
+    only their maker knows. ``evidence`` names what a label of distance may rest on besides: edited.
     """
 
     order: float | None
     allow_fingerprints: bool
     made_elsewhere: bool
+    evidence: str | None
 
 
 class Terms(FurtherTerms, total=False):
@@ -182,8 +184,9 @@ def _is_open_to(known: Mapping[str, UseLabel], label: str, wanted: str) -> bool:
 
 def _require_battery(terms: Terms) -> None:
     """Raise SpecError if an order is required of a run without comparisons."""
-    if terms.get("order") is not None:
-        raise SpecError("--order is for a battery's comparisons of distances, and this run is no battery: leave it out")
+    for name, what in (("order", "comparisons of distances"), ("evidence", "control pictures")):
+        if terms.get(name) is not None:
+            raise SpecError(f"--{name} is for a battery's {what}, and this run is no battery: leave it out")
 
 
 def hold_admission(score: ScoredRun, require: Sequence[str] = ("admission",), **terms: Unpack[Terms]) -> Gate:
@@ -294,6 +297,7 @@ def hold(score: ScoredRun, require: Sequence[str], **terms: Unpack[Terms]) -> Ga
     """
     wanted = read_requirements(",".join(require))
 
+    require_known(f"--evidence '{accepts}'", accepts, ACCEPTED) if (accepts := terms.get("evidence")) else None
     most = terms.get("order")
     if most is not None and not 0 < most <= 1:
         raise SpecError(f"--order takes a share above 0 and at most 1, got {most}")
@@ -302,7 +306,7 @@ def hold(score: ScoredRun, require: Sequence[str], **terms: Unpack[Terms]) -> Ga
         verdict = judge_one(one)
         for requirement in wanted:
             yield Check(
-                one.model, requirement, *((None, reason) if reason else _claim(requirement, verdict, one.statistics))
+                one.model, requirement, *((None, reason) if reason else _made_so(requirement, verdict, one, accepts))
             )
         if most is not None:
             yield Check(one.model, ORDER, *((None, reason) if reason else _ordered(one.statistics["order"], most)))
@@ -338,6 +342,20 @@ def _no_evidence(one: Evidence) -> str:
     return ""
 
 
+def _made_so(requirement: str, verdict: Verdict, one: Evidence, accepts: str | None) -> tuple[bool | None, str]:
+    """Return whether a verdict meets a requirement by control pictures that are accepted, and why."""
+    holds, because = _claim(requirement, verdict, one.statistics)
+    if not holds or requirement not in _BY_CONTROLS or not verdict.rests_on_controls:
+        return holds, because
+    if not one.made:
+        run = shlex.quote(one.run)
+        mend = f"say it with 'eyechart frames declare {run} --made staged' (or rendered, or edited)"
+        return None, f"{because}; it is not said how the control pictures were made: {mend}"
+    if one.made == "edited" and accepts != "edited":
+        return False, f"{because}; its control pictures are edited photographs: accept these with --evidence edited"
+    return holds, because
+
+
 def _claim(requirement: str, verdict: Verdict, statistics: Mapping[str, Statistic]) -> tuple[bool | None, str]:
     """Return whether a verdict meets a requirement, and why."""
     label = verdict.calibrated.label
@@ -356,6 +374,10 @@ def _claim(requirement: str, verdict: Verdict, statistics: Mapping[str, Statisti
 _SIDEWAYS = frozenset(name for label in LATERAL for name in meets(label, LATERAL))
 _AUTHORITY = frozenset({"depth", "depth_lateral"})
 """Requirements on turns, and those that give a permitted use, which must leave nothing open."""
+_BY_CONTROLS = _AUTHORITY | {"partial_depth", "depth_associated"}
+"""Requirements of braking by distance, which control pictures show."""
+ACCEPTED = ("edited",)
+"""What a gate accepts as evidence where that is said."""
 
 
 def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:

@@ -437,10 +437,10 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
 
 
 def _take_added(copy: Path, bank: FrameBank) -> None:
-    """Copy additions to a run's bank: pictures that its manifest names now."""
+    """Copy additions to a run's bank: pictures that its manifest names now, and how they were made."""
     then, now = (folder / "manifest.json" for folder in (copy, bank.root))
     before = read_bank_manifest(copy)
-    more = bank.manifest.images.keys() - before.images.keys()
+    more = bank.manifest.images.keys() - before.images.keys() or bank.manifest.made not in {"", before.made}
     if more and before.fingerprint == bank.manifest.fingerprint and now.is_file():
         partial = copy / ".manifest.json"
         shutil.copyfile(now, partial)

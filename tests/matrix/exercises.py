@@ -362,6 +362,38 @@ _LIST = (
         ("photos.csv", "rover.toml", "photos"),
     ),
     Exercise(
+        "edit",
+        (
+            (
+                *("frames", "edit", "roads", "--table", "roads.csv", "--objects", "boxes.csv", "--cut", "box"),
+                *("--near", "4:6", "--far", "15:20", "--lane", "3", "--eye", "1.5", "--out", "out"),
+            ),
+        ),
+        ("roads", "roads.csv", "boxes.csv"),
+        files("out"),
+        ("out",),
+        ("roads.csv", "boxes.csv", "roads"),
+    ),
+    *(
+        Exercise(
+            f"edit of {form}",
+            (
+                (
+                    *("frames", "edit", pictures, "--objects", objects, "--format", form, "--cut", "box"),
+                    *("--near", "4:6", "--far", "15:20", "--lane", "3", "--eye", "1.5", *table, "--out", "out"),
+                ),
+            ),
+            (form, "roads.csv"),
+            files("out"),
+            ("out",),
+            (objects,),
+        )
+        for form, pictures, objects, table in (
+            ("coco", "coco/images", "coco/instances.json", ("--table", "roads.csv")),
+            ("nuscenes", "nuscenes", "nuscenes/v1.0-mini", ()),
+        )
+    ),
+    Exercise(
         "import of lines",
         (("frames", "import", "photos", "--table", "photos.jsonl", *_TABLE, "--out", "out"),),
         ("photos", "photos.jsonl", "rover.toml"),

@@ -7,9 +7,11 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
+import annotation_forms
 import banks
 import data_sets
 import demonstrations
+import drawn_roads
 import photographs
 import published_votes
 from matrix import guests
@@ -86,6 +88,11 @@ def _tables(stock: Path) -> None:
     """Write photographs with their table, as CSV and as JSON lines."""
     rows = photographs.rows(drives=2, ticks=3)
     (stock / "rover.toml").write_text(photographs.SPACE)
+    roads = drawn_roads.some(2)
+    drawn_roads.write_pictures(stock / "roads", roads)
+    annotation_forms.coco(stock / "coco", roads)
+    annotation_forms.nuscenes(stock / "nuscenes", roads)
+    drawn_roads.write_tables(stock / "roads.csv", stock / "boxes.csv", roads)
     photographs.take(stock / "photos", rows)
     with (stock / "photos.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))

@@ -11,6 +11,7 @@ from arm_logs import arm_bank, by_front
 from eyechart.frames import FrameBank
 from eyechart.probe.policies import examine_policy
 from eyechart.studies import policy
+from eyechart.studies.policy.advice import settling
 from eyechart.studies.policy.scores import PolicyScore, judge, judged_json
 from eyechart.verdicts.policy_verdict import PolicyVerdict
 
@@ -96,7 +97,9 @@ def test_failures_over_all_conditions_are_those_of_the_policy(bank: FrameBank, t
 
 def test_no_absence_rests_on_pictures_that_it_fails_on(bank: FrameBank, tmp_path: Path) -> None:
     """Another episode's pictures change nothing, and grey ones make it fail: that it ignores them is not said."""
-    _, found = scored(bank, tmp_path / "run", "blind")
+    score, found = scored(bank, tmp_path / "run", "blind")
+    advice = str(settling(score, found.model, "cameras"))
+    assert advice == "let it return a motion on blank pictures too: what it does where it finds nothing."
     assert found.guards == {}
     assert found.camera.label == "undecided"
     words = f"whether a picture must be there is open: it fails on {len(bank)} of {len(bank)} blank pictures"

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli import edit as edits
 from eyechart.cli.options import Json, Model, expanded, read_places
 from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, counted, suggestion
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
-    from eyechart.frames import MirrorAxis, SharedFrames
+    from eyechart.frames import Made, MirrorAxis, SharedFrames
     from eyechart.importing import Choices, Convert, Horizon
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
@@ -157,6 +158,12 @@ class SourceDescription:
     numbers: Annotated[
         str, typer.Option(help="How numbers are written: 1234.5 or 1234,5 or 1.234,5 or '1 234,5' or 1,234.5.")
     ] = ""
+    made: Annotated[
+        str,
+        typer.Option(
+            help="How the control pictures were made: rendered, staged or edited; default: as edit.json says."
+        ),
+    ] = ""
     strip: Annotated[
         str, typer.Option(help="The first part of the pictures' paths, if they come from another machine.")
     ] = ""
@@ -195,6 +202,7 @@ class SourceDescription:
             keep_repeats=self.keep_repeats,
             numerals=_numerals(self.numbers, self.no_lead, wrong),
             strip=self.strip,
+            made=_made(self.made, wrong),
             wrong=wrong.lines,
         )
 
@@ -259,6 +267,29 @@ def import_(
         bank = source.importer()(folder, out=out, choices=choices, reads=move, progress=move, **options)
     say(f"{counted(len(bank), 'frame')} in {out}, fingerprint {bank.manifest.fingerprint[:16]}")
     say(*taken(bank), *costs(bank))
+
+
+app.command(epilog=edits.EPILOG)(edits.edit)
+
+
+@app.command(epilog="Example: eyechart frames declare bank run --made staged")
+def declare(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of banks, and of runs, which keep their bank's text.")],
+    made: Annotated[str, typer.Option(help="rendered (drawn by a program), staged (things were moved) or edited.")],
+) -> None:
+    """Declare how a bank's control pictures were made, in place.
+
+    A gate asks for it. No picture, fingerprint or answer changes, so runs on the bank stay valid.
+    """
+    from eyechart.frames import declare as declared
+    from eyechart.manifest import BANK, is_run
+
+    word = read_made(made)
+    if not word:
+        raise SpecError("--made takes rendered, staged or edited")
+    for folder in folders:
+        before = declared(folder / BANK if is_run(folder) else folder, word)
+        say(f"{folder}: its control pictures are {word}; before: {before or 'not said'}")
 
 
 @app.command(epilog="Example: eyechart frames check bank")
@@ -414,6 +445,25 @@ def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Co
     if not asked and (background, longest) != (None, None):
         raise SpecError("--background and --longest need --convert: give --convert too")
     return Convert(background or "white", longest) if asked else None
+
+
+def _made(word: str, wrong: "Faults") -> "Made":
+    """Return how control pictures were made; an unknown word is a fault and counts as not said."""
+    with wrong.noted():
+        return read_made(word)
+    return ""
+
+
+def read_made(word: str) -> "Made":
+    """Return how control pictures were made; raises SpecError for an unknown word."""
+    from eyechart.frames import MADE
+
+    for one in MADE:
+        if one == word:
+            return one
+    if word:
+        raise SpecError(f"--made takes {', '.join(MADE)}, not '{word}'{suggestion(word, MADE)}")
+    return ""
 
 
 def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eyechart.cli import edit as edits
 from eyechart.cli.options import Json, Seed, mode_of, read_modes, read_places
 from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
@@ -26,6 +27,14 @@ def look(
     photos: Annotated[Path | None, typer.Option(help="Folder of photographs; with --table.")] = None,
     table: Annotated[Path | None, typer.Option(help="Table of the photographs, one row each.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of a LeRobotDataset.")] = None,
+    objects: Annotated[
+        Path | None,
+        typer.Option(help="Table of the photographs' objects: edit them as 'frames edit' does, and stop at the sheet."),
+    ] = None,
+    near: Annotated[str | None, typer.Option(help="With --objects: where the lead is near, as 5:9.")] = None,
+    far: Annotated[str | None, typer.Option(help="With --objects: where the lead is far, as 40:60.")] = None,
+    lane: Annotated[float | None, typer.Option(help="With --objects: width of a way in metres.")] = None,
+    eye: Annotated[float | None, typer.Option(help="With --objects: height of the camera in metres.")] = None,
     threshold: Annotated[float | None, typer.Option(help="A distance below this is near, so that one brakes.")] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the distance.")] = None,
     map_: Annotated[
@@ -45,7 +54,8 @@ def look(
 
     Frames come from a bank, from photographs or from a data set; otherwise eyechart draws them. A
     served model is first tested on drawn pictures. Then it is asked until its verdict is settled,
-    on as few frames as can give every answer. The number of calls is printed first; if they may
+    on as few frames as can give every answer. With --objects it first edits the photographs, and
+    stops at the sheet, before any call. The number of calls is printed first; if they may
     cost, you are asked for consent. The same command resumes and repeats no call.
     Exit 0: Yes; 1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look
     scripted:depth
@@ -69,8 +79,14 @@ def look(
         budget=budget,
         file=mode,
     )
+    moves = None if objects is None else edits.moves_of(near, far, lane, eye)
+    if moves is None and (near, far, lane, eye) != (None,) * 4:
+        raise SpecError("--near, --far, --lane and --eye are for photographs that are edited: give --objects too")
     with resumable():
-        found = looked(wanted, Watch(say, progress, partial(_agree, yes=yes)))
+        if objects is None or moves is None:
+            found = looked(wanted, Watch(say, progress, partial(_agree, yes=yes)))
+        else:
+            found = edits.look_at_sheet(wanted, objects, moves)
     if json:
         print_json(found.as_dict())
     else:

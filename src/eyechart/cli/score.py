@@ -116,6 +116,9 @@ def gate(
     made_elsewhere: Annotated[
         bool, typer.Option("--made-elsewhere", help="Accept a run whose answers eyechart did not ask for itself.")
     ] = False,
+    evidence: Annotated[
+        str | None, typer.Option(help="Accept labels of distance that rest on edited photographs: edited.")
+    ] = None,
     junit: Annotated[Path | None, typer.Option(help="Write the checks as JUnit XML.")] = None,
     json: Json = False,
     independent: Independent = False,
@@ -146,6 +149,7 @@ def gate(
         max_unparsed=max_unparsed,
         allow_fingerprints=allow_fingerprints,
         made_elsewhere=made_elsewhere,
+        evidence=evidence,
     )
     if json:
         print_json(held.as_dict())

@@ -10,7 +10,7 @@ import numpy as np
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
 from eyechart.corruptions import CORRUPTIONS, STEPS, Corruption, step_of
 from eyechart.errors import BankError, SpecError, did_you_mean, require_known
-from eyechart.frames import RGB, Camera, Frame, FrameBank, Source, Stimulus, decode, encode, stored
+from eyechart.frames import PATCHED, RGB, Camera, Frame, FrameBank, Source, Stimulus, decode, encode, stored
 from eyechart.seeds import key_seed
 from eyechart.stats.partners import NOBODY
 
@@ -291,6 +291,7 @@ TABLE: dict[str, Condition] = {
         _moment("lane_beside", "neighbour near, lead far", "does it matter which one is near?", _CONTROL),
         _moment("lead_mid_near", "lead at 9.1 to 20 m", "does its braking fall with distance?", _CONTROL),
         _moment("lead_mid_far", "lead at 20 to 49 m", "does its braking fall with distance?", _CONTROL),
+        _moment(PATCHED, "lead cut out and pasted back, a hole filled elsewhere", "does the edit decide?", _CONTROL),
         _moment("lead_absent", "no lead vehicle", "does any lead decide, however far?", _CONTROL),
         Condition(
             "real_again", "true frame, with lead_absent", "has its answer changed by then?", _again, _CONTROL, ABSENT

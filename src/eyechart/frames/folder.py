@@ -19,10 +19,13 @@ from eyechart.frames.nouns import (
     DISTANCES,
     FILE_SUFFIX,
     FORMAT,
+    IMPORTED,
+    PATCHED,
     BankManifest,
     Controls,
     Frame,
     FrameBank,
+    Made,
     MirrorAxis,
     Scalar,
     alone,
@@ -328,6 +331,35 @@ def check(root: Path, files: Collection[str] | None = None) -> list[str]:
             problems.append(f"'{file}' is not the picture in the manifest: its SHA-256 differs")
     problems += [f"'{file}' of the manifest belongs to no frame" for file in sorted(manifest.images.keys() - set(used))]
     return problems or _misplaced(bank) or drawn_otherwise(bank)
+
+
+def replace_manifest(folder: Path, manifest: BankManifest) -> None:
+    """Replace a bank's manifest in one step, after a check that the bank can be read with it."""
+    read_metadata(folder / "metadata.jsonl", manifest)
+    path = folder / "manifest.json"
+    partial = path.with_name(".manifest.json.part")
+    with partial.open("w", encoding="utf-8") as file:
+        file.write(json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def declare(root: Path, made: Made) -> Made:
+    """Declare in place how a bank's control pictures were made; return what was said before.
+
+    Fingerprint and declaration stay, so runs on the bank stay valid. Raises BankError if a
+    simulator or the record of an edit says otherwise.
+    """
+    bank = open_bank(root)
+    before = bank.manifest
+    if before.simulator != IMPORTED and made != "rendered":
+        raise BankError(f"the simulator '{before.simulator}' rendered the pictures of {root}; they are not {made}")
+    if made != "edited" and (before.edit or any(PATCHED in frame.counterfactuals for frame in bank)):
+        raise BankError(f"{root} has pictures of the kind '{PATCHED}', which an edit makes; they are not {made}")
+    if before.provenance != made:
+        replace_manifest(root, replace(before, made=made))
+    return before.provenance
 
 
 def _misplaced(bank: FrameBank) -> list[str]:

@@ -30,6 +30,13 @@ MAIN = "main"
 IMPORTED = "import"
 """The simulator's name in an imported bank."""
 
+Made = Literal["rendered", "staged", "edited", ""]
+"""How control pictures were made: drawn by a world, photographed of things that were moved, or
+edited into photographs; "" where nobody said."""
+MADE: tuple[Made, ...] = ("rendered", "staged", "edited")
+PATCHED = "patched"
+"""The control picture that only an edit makes."""
+
 FORMAT = "eyechart-bank/1"
 FILE_SUFFIX = "_file_name"
 DISTANCES = ("lane_near_m", "lane_far_m", "lead_mid_near_m", "lead_mid_far_m", "lead_drawn_m", "exchange_m")
@@ -309,7 +316,9 @@ class BankManifest:
     control pictures. ``motion`` is the space of the logged motions and of a controller's answers,
     None without motions. ``history`` is the number of instants before each frame. ``span`` is the
     range of drawn distances in the gap's unit, None without them. ``strata`` maps a frame id to its
-    further groups, and ``added`` to the columns of pictures that were added after its row.
+    further groups, and ``added`` to the columns of pictures that were added after its row. ``made``
+    is what was declared of the control pictures, and ``edit`` what the record of their edit says.
+    No digest covers these two: they may be declared after a run.
     """
 
     simulator: str
@@ -332,13 +341,22 @@ class BankManifest:
     span: tuple[float, float] | None = None
     strata: Mapping[str, Mapping[str, Scalar]] = field(default_factory=dict)
     added: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    made: Made = ""
+    edit: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require_exchanged(self.cameras)
         if not 0 <= self.history <= MOST_HISTORY:
             raise BankError(f"a bank holds 0 to {MOST_HISTORY} instants before each frame, not {self.history}")
+        if self.made and self.made not in MADE:
+            raise BankError(f"control pictures are {', '.join(MADE)}, or it is not said; not '{self.made}'")
         if self.span is not None and not _SMALLEST <= self.span[0] < self.span[1] <= LARGEST:
             raise BankError(f"distances are drawn from one above 0 to a greater one, not from {self.span}")
+
+    @property
+    def provenance(self) -> Made:
+        """Return how the control pictures were made; a simulator rendered them."""
+        return self.made or ("" if self.simulator == IMPORTED else "rendered")
 
     @property
     def fingerprint(self) -> str:
@@ -355,7 +373,7 @@ class BankManifest:
     def as_dict(self) -> dict[str, object]:
         """Return the manifest as plain JSON values."""
         besides = [*(["controls"] if self.controls != Controls() else []), *(["span"] if self.span else [])]
-        besides += [name for name in ("strata", "added") if getattr(self, name)]
+        besides += [name for name in ("strata", "added", "made", "edit") if getattr(self, name)]
         return {
             "format": FORMAT,
             **to_json_fields(self, "fingerprint declaration"),

@@ -13,20 +13,25 @@ from itertools import chain, count, pairwise, repeat
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from eyechart.conditions import NUDGES, is_nudged
 from eyechart.errors import SourceError, SpecError, counted, finite_number, whole_number
 from eyechart.frames import (
     DISTANCES,
     IMPORTED,
     MOST_HISTORY,
+    PATCHED,
     BankManifest,
     BankWriter,
     Frame,
     FrameBank,
     Gap,
+    Made,
     MirrorAxis,
     Scalar,
     alone,
+    decode,
     is_reserved,
     open_bank,
     read_axis,
@@ -47,6 +52,7 @@ from eyechart.importing.cells import (
     read_step,
     read_truth,
 )
+from eyechart.importing.edit_record import EditRecord, read_edit
 from eyechart.importing.faults import Faults
 from eyechart.importing.layout import given_name
 from eyechart.importing.logged_rotations import LoggedRows, Of, tell_turned
@@ -102,8 +108,9 @@ class Choices:
     become no frames. ``convert`` makes pictures plain; without it, pictures that are not plain are refused.
     With ``keep_repeats``, a recording that occurs twice is imported twice. ``numerals`` declares
     how numbers are written and which mean "nothing ahead". ``strip`` is the prefix of another
-    machine's paths. ``wrong`` lists impossible values among these options, as faults like those of
-    the table.
+    machine's paths. ``made`` declares how control pictures were made, and ``edit`` is the record of
+    their edit, which the import finds beside the table. ``wrong`` lists impossible values among
+    these options, as faults like those of the table.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -122,6 +129,8 @@ class Choices:
     keep_repeats: bool = False
     numerals: Numerals = field(default_factory=Numerals)
     strip: str = ""
+    made: Made = ""
+    edit: EditRecord | None = None
     wrong: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -213,7 +222,10 @@ def import_table(
     """
     if not folder.is_dir():
         raise SourceError(f"{folder} is not a folder; give the folder of the pictures")
-    photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip)
+    edit = read_edit(table.parent)
+    if edit is not None:
+        choices = replace(choices, edit=edit, made=edit.agreed(choices.made, table))
+    photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip, edit=edit)
     return import_rows(_opened(table, reads, choices), photographs, out, choices, progress)
 
 
@@ -297,6 +309,7 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     changed = {kind: named for kind, (_, named) in drawn.items()}
     if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # it is not a separate picture
         changed.pop(_RECOLOURED), drawn.pop(_RECOLOURED)
+    _require_patched(images, drawn.get(PATCHED, ({}, {}))[0], where, choices.made)
     shown = {kind: one for kind, (one, _) in drawn.items()}
     _require_nudged(shown, where)
     _require_moved(shown, where)
@@ -305,6 +318,18 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
         images,
         shown,
     )
+
+
+def _require_patched(images: Mapping[str, bytes], patched: Mapping[str, bytes], where: str, made: Made) -> None:
+    """Raise SourceError if a patched picture is the true one, or if nothing is said to be edited."""
+    if patched and made in {"rendered", "staged"}:
+        raise SourceError(f"{where}: a picture of the kind '{PATCHED}' is edited, but --made says {made}")
+    for camera, picture in patched.items():
+        if np.array_equal(decode(picture, PATCHED), decode(images[camera], "file")):
+            raise SourceError(
+                f"{where}: {PATCHED} and file are the same picture, but one must be edited as the other control "
+                "pictures are; leave the cell of a missing picture empty"
+            )
 
 
 def _require_nudged(drawn: Mapping[str, Mapping[str, bytes]], where: str) -> None:
@@ -821,6 +846,8 @@ def write(
         state=() if choices.rig is None else tuple(choices.rig.state),
         motion=None if choices.rig is None else choices.rig.space,
         history=choices.history,
+        made=choices.made,
+        edit={} if choices.edit is None else choices.edit.summary(),
     )
     with BankWriter(out, manifest) as writer:
         added = []

@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 
 from eyechart.errors import BankError, SourceError, plain_file, raising, whole_number
 from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
+from eyechart.importing.edit_record import EditRecord
 
 _MOST_NAME = 1_000
 
@@ -41,6 +42,7 @@ class Photographs:
     convert: Convert | None = None
     done: Counter[str] = field(default_factory=Counter)
     strip: str = ""
+    edit: EditRecord | None = None
 
     @cached_property
     def _home(self) -> Path:
@@ -126,7 +128,13 @@ class Photographs:
                 raise BankError(f"there is no picture '{file}' in {self.folder}")
             if path.stat().st_size > MAX_IMAGE_BYTES:
                 raise BankError(f"'{file}' has {path.stat().st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
-            return plain_file(path).read_bytes()
+            picture = plain_file(path).read_bytes()
+        if self.edit is not None:
+            home, place = self.beside.resolve(), path.resolve()
+            self.edit.require_recorded(
+                place.relative_to(home).as_posix() if place.is_relative_to(home) else file, picture
+            )
+        return picture
 
 
 def _require_plain(picture: bytes, file: str) -> None:

@@ -4,7 +4,9 @@ Several cameras stand side by side. A frame for policies also has its instructio
 One frame alone is shown as it is, reflected, or in the calibrated view.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -31,24 +33,54 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
     frames = [frame for frame in bank if counterfactual is None or counterfactual in frame.counterfactuals]
     if not frames:
         raise BankError(f"no frame of {bank.root} has a counterfactual picture '{counterfactual}'")
-    rows = _rows(frames, columns)
-    first = _pixels(bank, frames[0], counterfactual)
-    height = max(1, round(first.shape[0] * _CELL_PX / first.shape[1]))
-    caption = _CAPTION_PX * (1 if bank.manifest.motion is None else 1 + _TOLD_LINES)
+    told = bank.manifest.motion is not None
+    cells = [
+        [
+            SheetCell(
+                (_caption(frame, bank, counterfactual), *(_told(frame) if told else ())),
+                small(_pixels(bank, frame, counterfactual), _CELL_PX),
+            )
+            for frame in row
+        ]
+        for row in _rows(frames, columns)
+    ]
+    draw_sheet(cells, out)
+
+
+class SheetCell(NamedTuple):
+    """A picture (h, w, 3) of a sheet, with the lines above it; each is cut to the picture's width."""
+
+    lines: tuple[str, ...]
+    picture: RGB
+
+
+def small(pixels: RGB, width: int) -> RGB:
+    """Return a picture (h, w, 3) at this width, with its shape kept."""
+    picture = Image.fromarray(np.ascontiguousarray(pixels))
+    return np.asarray(picture.resize((width, max(1, round(picture.height * width / picture.width)))), np.uint8)
+
+
+def draw_sheet(rows: Sequence[Sequence[SheetCell]], out: Path, *, cell_px: int = _CELL_PX) -> None:
+    """Write rows of pictures as one PNG, all as wide as ``cell_px`` and as high as the first.
+
+    Raises BankError if it is too large for a PNG viewer.
+    """
+    first = rows[0][0].picture
+    height = max(1, round(first.shape[0] * cell_px / first.shape[1]))
+    caption = _CAPTION_PX * max(len(cell.lines) for row in rows for cell in row)
     step = height + caption + _MARGIN_PX
-    width = _MARGIN_PX + max(len(row) for row in rows) * (_CELL_PX + _MARGIN_PX)
+    width = _MARGIN_PX + max(len(row) for row in rows) * (cell_px + _MARGIN_PX)
     if len(rows) * step > _MOST_PX:
-        raise BankError(f"a sheet of {len(frames)} frames is too tall; show fewer with --limit")
+        raise BankError(f"a sheet of {sum(map(len, rows))} frames is too tall; show fewer with --limit")
     sheet = Image.new("RGB", (width, _MARGIN_PX + len(rows) * step), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(12)
     for y, row in enumerate(rows):
-        for x, frame in enumerate(row):
-            pixels = np.ascontiguousarray(_pixels(bank, frame, counterfactual))
-            left, top = _MARGIN_PX + x * (_CELL_PX + _MARGIN_PX), _MARGIN_PX + y * step
-            lines = [_caption(frame, bank, counterfactual), *(_told(frame) if bank.manifest.motion else ())]
-            for number, line in enumerate(lines):
-                draw.text((left, top + number * _CAPTION_PX), _cut(line, draw, font), fill="black", font=font)
-            sheet.paste(Image.fromarray(pixels).resize((_CELL_PX, height)), (left, top + caption))
+        for x, cell in enumerate(row):
+            left, top = _MARGIN_PX + x * (cell_px + _MARGIN_PX), _MARGIN_PX + y * step
+            for number, line in enumerate(cell.lines):
+                words = _cut(line, draw, font, cell_px)
+                draw.text((left, top + number * _CAPTION_PX), words, fill="black", font=font)
+            sheet.paste(Image.fromarray(cell.picture).resize((cell_px, height)), (left, top + caption))
     _save(sheet, out)
 
 
@@ -100,17 +132,14 @@ def _told(frame: Frame) -> tuple[str, str]:
     return f"{said}, {state}", f"motion {motion}"
 
 
-_TOLD_LINES = 2
-
-
 def _numbers(numbers: tuple[float, ...]) -> str:
     return " ".join(f"{number:.2g}" for number in numbers)
 
 
-def _cut(line: str, draw: ImageDraw.ImageDraw, font: _Font) -> str:
-    """Return as much of a line as fits above one picture."""
+def _cut(line: str, draw: ImageDraw.ImageDraw, font: _Font, width: int) -> str:
+    """Return as much of a line as fits above one picture of this width."""
     kept = len(line)
-    while kept > 1 and draw.textlength(line[:kept], font=font) > _CELL_PX:
+    while kept > 1 and draw.textlength(line[:kept], font=font) > width:
         kept -= 1
     return line if kept == len(line) else f"{line[: kept - 1]}…"
 

@@ -6,12 +6,10 @@ interrupted call leaves the bank unchanged.
 """
 
 import hashlib
-import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from json import dumps
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +28,7 @@ from eyechart.frames import (
     inside,
     open_bank,
     own_folder,
-    read_metadata,
+    replace_manifest,
     require_free,
     whole_folder,
 )
@@ -76,7 +74,7 @@ def add_missing(root: Path, out: Path | None = None, progress: Progress | None =
     with _place(bank, out) as folder:
         added = _draw(bank, folder, simulator, how, why, progress)
         if added.columns or out is not None:
-            _commit(folder, _manifest(bank.manifest, simulator.open_preset(how.preset), how, added))
+            replace_manifest(folder, _manifest(bank.manifest, simulator.open_preset(how.preset), how, added))
     return open_bank(root if out is None else out), len(added.digests)
 
 
@@ -197,15 +195,3 @@ def _manifest(before: BankManifest, preset: Preset, how: BankOrigin, added: _Add
         strata={frame.id: frame.strata for frame in added.frames if frame.strata},
         added={name: column for name, column in columns.items() if column},
     )
-
-
-def _commit(folder: Path, manifest: BankManifest) -> None:
-    """Replace a bank's manifest, after a check that the bank can be read with the new one."""
-    read_metadata(folder / "metadata.jsonl", manifest)
-    path = folder / "manifest.json"
-    partial = path.with_name(".manifest.json.part")
-    with partial.open("w", encoding="utf-8") as file:
-        file.write(dumps(manifest.as_dict(), indent=1, ensure_ascii=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)

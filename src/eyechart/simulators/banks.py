@@ -221,6 +221,7 @@ class BankMaker(ABC):
             state=made.state,
             motion=made.motion,
             span=made.span,
+            made="rendered",
         )
         with BankWriter(out, manifest) as writer:
             for number, (frame, picture, others) in enumerate(frames_of(declared, made, how), 1):

@@ -45,6 +45,14 @@ class DiscordantPairs(Statistic):
         return self.b + self.c
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangedPairs(DiscordantPairs):
+    """Decisions that another picture changes: ``changed`` by it and ``repeated`` by a repeat."""
+
+    changed: int
+    repeated: int
+
+
 @dataclass(frozen=True, slots=True)
 class Place:
     """One part of the pictures, and how braking depends on the lead there.

@@ -23,6 +23,7 @@ from eyechart.verdicts.depth import (
     STAGE,
     UNFOLLOWED,
     is_drawn,
+    is_edited,
 )
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, FLOOR, MARGIN, ONE_SIDED_FROM, SWAP_RATE, UNPARSED_CUT
 from eyechart.verdicts.rules import (
@@ -60,8 +61,13 @@ STRICT = ("bound_content_shuffled", "bound_content_recoloured", "bound_scene", "
 
 
 def grade(found: NamedStatistics) -> str:
-    """Return how distance was tested: controlled, interventional, observational or none."""
+    """Return how distance was tested: controlled, edited, interventional, observational or none.
+
+    It is edited where the controls are pictures into which the lead was edited.
+    """
     if found["depth_interventional"].p is not None:
+        if is_edited(found) and is_drawn(found):
+            return "edited"
         return "controlled" if is_drawn(found) or found["lane_net"].n else "interventional"
     return "none" if found["depth_observational"].p is None else "observational"
 

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from eyechart.conditions import OLDER, RANGED
+from eyechart.frames import PATCHED
 from eyechart.stats.order import Rise
-from eyechart.stats.paired_tests import Place, Places
+from eyechart.stats.paired_tests import ChangedPairs, Place, Places
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.labels import (
     ALPHA,
@@ -86,6 +87,42 @@ EVEN = compared(
     needs=f"{DRAWN_LEAST} drawn distances in each window a factor of 1.2 wide",
 )
 
+PHOTOGRAPHED = "photographed"
+"""The fact that the control pictures are not known to be rendered."""
+
+AS_TAKEN = compared(
+    "depth_observational",
+    "p",
+    "<",
+    ALPHA,
+    but="on the photographs as they were taken its braking does not follow the gap",
+    unasked="whether its braking follows the gap on the photographs as they were taken was not tested ({note})",
+    when=PHOTOGRAPHED,
+)
+"""What follows moved pictures alone may follow how they were made."""
+
+NO_EDIT = compared(
+    "patched_excess",
+    "p",
+    ">=",
+    ALPHA,
+    but="it answers to the edit: pasted back where it stood, the same thing gets another decision on {changed} of the "
+    "frames (a repeat: {repeated})",
+    untested=True,
+    conditions=(PATCHED,),
+    when="patched_excess",
+)
+PATCHED_BOUND = compared(
+    "patched_bound",
+    "high",
+    "<",
+    MARGIN,
+    but="that it answers to the edit was not excluded: {unbounded}",
+    unasked="whether it answers to the edit was not tested ({note})",
+    conditions=(PATCHED,),
+    when="patched_bound",
+)
+
 _BESIDE_OPEN = "a vehicle beside is not excluded"
 SHOWN: tuple[Clause, ...] = (
     DENSE,
@@ -105,6 +142,8 @@ SHOWN: tuple[Clause, ...] = (
         but=f"more than {UNPARSED_CUT} of its replies to edited pictures hold no decision ({{note}})",
         untested=True,
     ),
+    AS_TAKEN,
+    PATCHED_BOUND,
 )
 """What has to be shown; where it is not, depth is open."""
 
@@ -122,6 +161,7 @@ _BESIDE = "it brakes at least half as hard for a vehicle beside"
 _WRONG = "too many comparisons"
 _IN_A_PLACE = ("value", "<=", ORDER_HIGH), ("low", "<=", ORDER_LOW)
 REFUTING: tuple[Clause, ...] = (
+    NO_EDIT,
     _either("depth_net", _TOO_FEW, ("high", ">=", MARGIN)),
     _either("lane_net", "it tells the lead from a neighbour on too few frames to matter", ("high", ">=", MARGIN)),
     _either("sensitivity", _TOO_FEW, ("value", ">=", MARGIN)),
@@ -191,6 +231,11 @@ def is_drawn(found: NamedStatistics) -> bool:
     return "sensitivity" in found and found["sensitivity"].n > 0
 
 
+def is_edited(found: NamedStatistics) -> bool:
+    """Return whether the control pictures of a run are edited photographs."""
+    return PATCHED_BOUND.when in found
+
+
 def is_refuted(found: NamedStatistics) -> bool:
     """Return whether a model brakes harder for the nearer lead, and not by distance."""
     return MOVED.holds(found) is True and any(clause.holds(found) is False for clause in REFUTING)
@@ -231,6 +276,32 @@ def named(places: Sequence[Place]) -> str:
         f"{', '.join(names)}: {harder} of {frames}{' each' if len(names) > 1 else ''}"
         for (harder, frames), names in where.items()
     )
+
+
+def frames_to_exclude(one: Statistic) -> int:
+    """Return about how many frames would bound the effect of an edit, if the rest are like these."""
+    least = math.ceil(math.log(ALPHA) / math.log(1 - MARGIN))
+    if one.ci is None or one.value is None or one.n < least or one.value >= MARGIN:
+        return max(least, one.n + 1)
+    return max(one.n + 1, math.ceil(one.n * ((one.ci[1] - one.value) / (MARGIN - one.value)) ** 2))
+
+
+@word
+def _unbounded(one: Statistic) -> str:
+    """Return how many frames there are, and about how many are needed."""
+    return f"n = {one.n}, about {frames_to_exclude(one)} frames are needed"
+
+
+@word
+def _changed(one: Statistic) -> str:
+    """Return the share of decisions that another picture changes, in per cent."""
+    return f"{one.changed / one.n:.0%}" if isinstance(one, ChangedPairs) else "some"
+
+
+@word
+def _repeated(one: Statistic) -> str:
+    """Return the share of decisions that a repeat changes, in per cent."""
+    return f"{one.repeated / one.n:.0%}" if isinstance(one, ChangedPairs) else "unknown"
 
 
 @word

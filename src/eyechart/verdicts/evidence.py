@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from eyechart.frames import Made
 from eyechart.integrity import Guard
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.early_verdicts import StoppingPoint
@@ -22,7 +23,8 @@ class Evidence:
     directions given to pictures and their reflections. ``gap`` says whether the bank records a gap
     that can be tested, ``absent`` are the conditions that the bank lacks, and ``bank`` is its
     folder. ``planned`` and ``answered`` count calls; ``scope`` is the sentence that limits what the
-    run can show. ``part``: a shard, whose controls only the merged run asks.
+    run can show. ``part``: a shard, whose controls only the merged run asks. ``made`` says how the
+    control pictures were made, and ``run`` is the run's folder.
     """
 
     model: str
@@ -41,6 +43,8 @@ class Evidence:
     absent: tuple[str, ...] = ()
     part: bool = False
     bank: str = "BANK"
+    made: Made = "rendered"
+    run: str = "RUN"
 
     @property
     def failed(self) -> tuple[Guard, ...]:

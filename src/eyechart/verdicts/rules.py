@@ -89,6 +89,7 @@ class Clause:
     ``but`` says what it means that it does not hold, ``unasked`` that it was not tested, ``needs``
     what would make it hold. The p of a ``family`` are corrected together. ``untested`` is what a
     rule takes it for where it was not tested; ``conditions`` are the pictures that would test it.
+    ``when`` names a fact: where a run has none of this name, it holds.
     """
 
     statistic: str
@@ -99,6 +100,7 @@ class Clause:
     family: tuple[str, ...] = ()
     untested: bool | None = None
     conditions: tuple[str, ...] = ()
+    when: str = ""
 
     def read(self, found: NamedStatistics) -> Statistic:
         """Return its statistic, with the p that it reads."""
@@ -108,15 +110,21 @@ class Clause:
         corrected = holm([found[name].p for name in self.family])
         return replace(one, p=dict(zip(self.family, corrected, strict=True))[self.statistic])
 
+    def applies(self, found: NamedStatistics) -> bool:
+        """Return whether a run has the fact that it depends on."""
+        return not self.when or self.when in found
+
     def outcome(self, found: NamedStatistics) -> bool | None:
         """Return whether it holds, None where it was not tested."""
+        if not self.applies(found):
+            return True
         one = self.read(found)
         said = {reading.of(one) for reading in self.readings}
         return True if True in said else None if None in said else False
 
     def is_settled(self, found: NamedStatistics) -> bool:
         """Return whether it holds of an e-value."""
-        return isinstance(found[self.statistic], EValue) and self.outcome(found) is True
+        return self.applies(found) and isinstance(found[self.statistic], EValue) and self.outcome(found) is True
 
     def holds(self, found: NamedStatistics) -> bool | None:
         """Return the outcome as a rule takes it."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from eyechart.conditions import BATTERY
+from eyechart.frames import Made
 from eyechart.integrity import Guard, unfinished
 from eyechart.records import KeyedRecord
 from eyechart.stats.episode_permutation import episodes_needed
@@ -12,7 +13,7 @@ from eyechart.stats.paired_tests import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.battery_rules import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
 from eyechart.verdicts.card import card
-from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, named, open_kinds
+from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, is_edited, named, open_kinds
 from eyechart.verdicts.early_verdicts import GUARANTEE, PREFIX, StoppingPoint, early_lateral, early_paper, early_rules
 from eyechart.verdicts.evidence import DECIDED, Evidence, ScoredRun
 from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
@@ -24,6 +25,7 @@ from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
 _ASKED = {
     "controlled": "intervention, with controls: the lead vehicle near and far, and who is near exchanged",
+    "edited": "intervention, with controls, on edited photographs: copies of the lead near and far, and exchanged",
     "interventional": "intervention: the same moment with the lead vehicle near and far, and nothing as a control",
     "observational": "observation: whether braking goes with the gap that frames happen to have",
     "none": "nothing: it could not be tested",
@@ -39,7 +41,8 @@ class Verdict(KeyedRecord):
 
     ``lateral`` is an axis of its own; ``trust`` and ``scope`` are one sentence each. ``print`` it
     for the evidence in words; a notebook shows it as a card. ``evidence`` says how distance was
-    tested: by intervention with or without controls, by observation, or not at all. ``stopped``
+    tested: by intervention with or without controls, by observation, or not at all. ``made`` says
+    how its control pictures were made: rendered, staged or edited; "" where nobody said. ``stopped``
     says where the run settled the label early: it then rests on e-values, and the paper's label is
     ``not_judged``. ``failed`` are the guards that put the run in doubt; they mark the verdict
     wherever it is printed. ``unfinished`` is (calls finished, calls planned) of a run with calls
@@ -50,7 +53,8 @@ class Verdict(KeyedRecord):
     """
 
     written = (
-        "answer paper=paper.label calibrated=calibrated.label holes lateral=lateral.label evidence calibrated.because "
+        "answer paper=paper.label calibrated=calibrated.label holes lateral=lateral.label evidence made "
+        "rests_on_controls calibrated.because "
         "calibrated.decided_by paper_because=paper.because paper_decided_by=paper.decided_by "
         "lateral_because=lateral.because trust scope notes failed_guards=marks unfinished=counted "
         "stopped_early=stopped why_not"
@@ -72,6 +76,12 @@ class Verdict(KeyedRecord):
     holes: tuple[Place, ...] = ()
     open_to: tuple[str, ...] = ()
     numbers: tuple[DepthNumber, ...] = ()
+    made: Made = "rendered"
+
+    @property
+    def rests_on_controls(self) -> bool:
+        """Return whether its label rests on control pictures, so that it matters who made them."""
+        return self.calibrated.label in _BY_DISTANCE and self.evidence not in {"observational", "none"}
 
     @property
     def answer(self) -> str:
@@ -102,8 +112,10 @@ class Verdict(KeyedRecord):
 
     @property
     def headline(self) -> str:
-        """Return the calibrated label, and in brackets that the run is not finished."""
-        return f"{self.calibrated.label} ({self.state})" if self.state else self.calibrated.label
+        """Return the calibrated label; in brackets, that it is edited and that the run goes on."""
+        edited = "edited" if self.made == "edited" and self.rests_on_controls else ""
+        said = "; ".join(filter(None, (edited, self.state)))
+        return f"{self.calibrated.label} ({said})" if said else self.calibrated.label
 
     @property
     def marks(self) -> tuple[str, ...]:
@@ -212,6 +224,7 @@ def judge_one(evidence: Evidence) -> Verdict:
         holes=holes(found) if by_distance else (),
         open_to=not_excluded,
         numbers=numbers_of(found) if whole and is_drawn(found) else (),
+        made=evidence.made,
     )
 
 
@@ -295,12 +308,21 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
     if stopped is not None:
         return (*said, f"anytime-valid: {GUARANTEE}")
     said += findings(evidence)
-    said += _untested(evidence, label)
+    said += [*_of_edit(found), *_untested(evidence, label)]
     said.append(
         f"up to {CLAIMS} positive claims are tested in order, each at alpha {ALPHA}: a false one has a chance "
         f"of at most {CLAIMS * ALPHA:.2f}, which adds up over the models and prompts that are tried on one bank"
     )
     return tuple(said)
+
+
+def _of_edit(found: NamedStatistics) -> Iterator[str]:
+    """Yield what is excluded of an answer to the edit itself."""
+    if is_edited(found) and (ends := found["patched_bound"].ci) is not None:
+        yield (
+            "moved were cut-outs in photographs, not things: the edit alone changes its decision on "
+            f"{number(found['patched_bound'])} of the frames more than a repeat does, at most {ends[1]:.3f}"
+        )
 
 
 def _before(found: NamedStatistics, label: str) -> list[str]:

@@ -6,13 +6,23 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from eyechart.conditions import NUDGES
+from eyechart.frames import PATCHED
 from eyechart.records import KeyedRecord
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.episode_permutation import episodes_needed
 from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.battery_rules import BOXED, STRICT, frames_to_bound, turns_to_tell
-from eyechart.verdicts.depth import NO_OPEN_PLACE, REFUTING, STAGE, UNSHOWN, is_refuted
+from eyechart.verdicts.depth import (
+    AS_TAKEN,
+    NO_OPEN_PLACE,
+    PATCHED_BOUND,
+    REFUTING,
+    STAGE,
+    UNSHOWN,
+    frames_to_exclude,
+    is_refuted,
+)
 from eyechart.verdicts.early_verdicts import PREFIX
 from eyechart.verdicts.evidence import Evidence
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, UNPARSED_CUT
@@ -30,6 +40,7 @@ PHOTOGRAPHED = {
     "exchange_own": "the obstacle ahead anywhere between, one beside the path far",
     "exchange_beside": "the one beside the path there, the obstacle ahead far",
     "exchange_apart": "both far",
+    PATCHED: "nothing moved, and edited as much, which 'eyechart frames edit' makes",
 }
 """What each picture shows of the same moment; nudged ones are made of these."""
 
@@ -190,7 +201,12 @@ def _not_depth(evidence: Evidence) -> WhyNot:
     if clause.outcome(found) is None and missing:
         return _by_pictures("depth", clause.statistic, evidence, missing, "an answer")
     settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"
-    if clause is NO_OPEN_PLACE:
+    if clause is AS_TAKEN:
+        settle = NOTHING if one.p is not None else f"more episodes, or gaps of photographs as taken: {one.note}"
+    elif clause is PATCHED_BOUND:
+        frames = frames_to_exclude(one)
+        return replace(_by_clause("depth", clause, found, f"about {frames} frames with {PATCHED}"), frames=frames)
+    elif clause is NO_OPEN_PLACE:
         settle = f"more frames {one.note}"
     elif clause.statistic == "unparsed_controls":
         settle = "decisions on edited pictures: it declines them more often than true ones may be"
@@ -208,7 +224,7 @@ def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
     if lacks:
         shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" for name in lacks if name in PHOTOGRAPHED)
         command = f"eyechart frames build --add-to {shlex.quote(evidence.bank)}"
-        if not set(MOVED) & set(lacks):
+        if not {*MOVED, PATCHED} & set(lacks):
             ways.append(f"'{command}' draws them of a simulator's world, then resume the run")
         ways.append(f"of photographs, each moment again ({shown})")
         ways[0] = f"pictures that the bank lacks: {ways[0]}"

@@ -28,9 +28,10 @@ from eyechart.channels import flat_state
 from eyechart.errors import SpecError, printable
 from eyechart.frames import pixels_of
 from eyechart.models import require_options
+from eyechart.models.batches import NotCalledError
 from eyechart.models.lerobot.checkpoint import PolicyCheckpoint, read_checkpoint
 from eyechart.models.lerobot.process import Header, read_message, write_message
-from eyechart.models.python_callable import NotCalledError, in_thread
+from eyechart.models.python_callable import in_thread
 from eyechart.modes import RequestMode, without_secrets
 from eyechart.processes import begin_program
 from eyechart.spaces.motion import Motion

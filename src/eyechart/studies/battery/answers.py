@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
-from eyechart.frames import Frame, Gap
+from eyechart.frames import Frame, Gap, Made
 from eyechart.run import Plan
 from eyechart.spaces.space import UNPARSED, AnySpace, Decision
 from eyechart.verdicts import DECIDED
@@ -40,7 +40,8 @@ class Answers:
     """A model's decisions. ``decisions[condition]`` follows ``frames``; None without a reply.
 
     ``finished`` counts the calls about these frames whose reply is final. ``no_gap`` gives the
-    reason where ``gap`` is None. ``told`` says whether the prompt described each frame.
+    reason where ``gap`` is None. ``told`` says whether the prompt described each frame. ``made``
+    says how the bank's control pictures were made.
     """
 
     model: str
@@ -51,6 +52,7 @@ class Answers:
     finished: int = 0
     no_gap: str = NO_GAP
     told: bool = False
+    made: Made = "rendered"
 
     def under(self, conditions: Collection[str]) -> "Answers":
         """Return the decisions under some conditions alone; ``finished`` still counts all calls."""
@@ -224,6 +226,7 @@ def read_answers(
         finished=finished,
         no_gap=NO_EPISODES if silent and gap is not None else NO_GAP,
         told=told,
+        made=bank.provenance,
     )
 
 

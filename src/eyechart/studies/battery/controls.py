@@ -8,15 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.conditions import FURTHER, OLDER
+from eyechart.frames import PATCHED
 from eyechart.stats.agreement import rate
+from eyechart.stats.exact_difference import exact_bounds
 from eyechart.stats.jackknife import excess_over_half
 from eyechart.stats.order import order_violation_p
-from eyechart.stats.paired_tests import BoxedTurns, net_effect, sign_test, stratified_association
+from eyechart.stats.paired_tests import (
+    BoxedTurns,
+    ChangedPairs,
+    net_effect,
+    paired_difference_from_counts,
+    sign_test,
+    stratified_association,
+)
 from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.evidence import NEAR_FAR
 from eyechart.verdicts import ALPHA, MARGIN, NET_ALPHA
-from eyechart.verdicts.depth import EXCHANGE, NUDGED, STAGE
+from eyechart.verdicts.depth import EXCHANGE, NUDGED, PHOTOGRAPHED, STAGE
 
 LEVEL = 1 - 2 * ALPHA
 """Two-sided level of the intervals, so that each end is a one-sided bound at alpha."""
@@ -24,6 +33,7 @@ LEVEL = 1 - 2 * ALPHA
 FEWEST_PAIRS = 7
 """With fewer pairs an exact sign test cannot reach alpha .01 (2 to the power of -7 is .0078)."""
 
+NO_PATCHED = "no frame has decisions on real, real_repeat and patched"
 NO_BRAKE = "this space has no axis 'brake'"
 
 EDITED = (*NEAR_FAR, *OLDER, NUDGED, *STAGE, *FURTHER)
@@ -43,6 +53,8 @@ LANES = (("ego_lane", "lanes"), ("track",))
 
 DEPTH_TESTS = ("depth_interventional", "depth_net", "lane_net", "unparsed_controls")
 """Further tests for depth, on moved pictures."""
+OF_PICTURES = ("photographed", "patched_excess", "patched_bound", "depth_observational")
+"""What depth reads besides of banks whose control pictures are not rendered."""
 TURN_TESTS = ("turns_clear", "turns_clear_within", "turns_against", "turns_boxed")
 
 Floats = NDArray[np.float64]
@@ -65,7 +77,51 @@ class ControlStatistics:
             "turns_clear_within": self._turns_clear_within,
             "turns_against": self._turns_against,
             "turns_boxed": self._turns_boxed,
+            **self._of_pictures(),
         }
+
+    def _of_pictures(self) -> dict[str, Callable[[], Statistic]]:
+        """Return the tests of banks whose control pictures are not rendered; of others none."""
+        if self.answers.made == "rendered":
+            return {}
+        tests: dict[str, Callable[[], Statistic]] = {PHOTOGRAPHED: lambda: Statistic(1.0, len(self.answers.frames))}
+        if self.answers.made == "edited":
+            tests |= {"patched_excess": self._patched_excess, "patched_bound": self._patched_bound}
+        return tests
+
+    def _changes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return where the edit alone, and where a repeat changes the decision, on frames with both."""
+        edited, has = self.answers.distance("real", PATCHED)
+        again, repeated = self.answers.distance("real", "real_repeat")
+        return edited[repeated[has]] > 0, again[has[repeated]] > 0
+
+    def _patched_excess(self) -> Statistic:
+        """Test whether the edit alone changes the decision on more frames than a repeat does."""
+        edited, again = self._changes()
+        if not len(edited):
+            return not_available(NO_PATCHED)
+        test = sign_test(edited, again)
+        return ChangedPairs(
+            float(np.mean(edited)) - float(np.mean(again)),
+            len(edited),
+            p=test.p,
+            method="decision changed by the edit alone, less by a repeat; p: one-sided exact McNemar test",
+            b=test.wins,
+            c=test.losses,
+            changed=int(edited.sum()),
+            repeated=int(again.sum()),
+        )
+
+    def _patched_bound(self) -> Statistic:
+        """Bound that excess."""
+        edited, again = self._changes()
+        if not len(edited):
+            return not_available(NO_PATCHED)
+        test = sign_test(edited, again)
+        bound = paired_difference_from_counts(test.wins, test.losses, len(edited), level=LEVEL)
+        if (exact := exact_bounds(test.wins, test.losses, len(edited), alpha=ALPHA)) is not None:
+            bound = replace(bound, ci=exact, method="paired difference of proportions, exact bounds")
+        return replace(bound, method=f"decision changed by the edit alone, less by a repeat: {bound.method}")
 
     def _level(self, condition: str) -> Floats:
         """Return the braking level on each frame, NaN without a decision or a braking axis."""

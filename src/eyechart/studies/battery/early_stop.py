@@ -11,7 +11,7 @@ from functools import cached_property
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.conditions import CONTROLS, FURTHER, RANGED, shuffled_order
-from eyechart.frames import Frame
+from eyechart.frames import BankManifest, Frame, Gap, Made
 from eyechart.ledger import Ledger
 from eyechart.run import Plan, Stages
 from eyechart.spaces.discrete import Discrete
@@ -79,11 +79,30 @@ class _ClaimStatistics(dict[str, Statistic]):
 
 
 @dataclass(frozen=True)
+class Photographs:
+    """How control pictures were made, and what the test of the photographs as taken needs."""
+
+    made: Made
+    gap: Gap | None
+    independent: bool
+    seed: int
+
+    @classmethod
+    def of(cls, bank: BankManifest, seed: int) -> "Photographs | None":
+        """Return those of a bank; None where its control pictures are rendered."""
+        if bank.provenance == "rendered":
+            return None
+        read = bank.independent or "episode" not in bank.absent
+        return cls(bank.provenance, bank.gap if read else None, bank.independent, seed)
+
+
+@dataclass(frozen=True)
 class QuestionOrder:
     """The calls of one model: frames in the order in which they count, and the conditions of each.
 
     ``controls`` are further conditions that may follow; those of ``depth`` only if the frames have
-    all that it needs. ``frames`` are the same frames in the order of the bank.
+    all that it needs. ``frames`` are the same frames in the order of the bank. ``photographs`` is
+    what the rules of a whole run read besides, of banks whose control pictures are not rendered.
     """
 
     frames: tuple[Frame, ...]
@@ -91,6 +110,7 @@ class QuestionOrder:
     asked: Mapping[str, tuple[str, ...]]
     space: Discrete
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    photographs: "Photographs | None" = None
 
     @cached_property
     def shown(self) -> frozenset[str]:
@@ -258,10 +278,12 @@ class StoppingState:
         """Return the label of the whole-run rules, for all frames and the walk's conditions."""
         frames = self.layout.frames
         shown = {name: tuple(given.get((frame.id, name)) for frame in frames) for name in sorted(walk.conditions)}
-        statistics = CalibratedStatistics(
-            CalibratedTests(Answers("", frames, self.layout.space, None, shown), Resampling())
-        )
-        return calibrated_rules(statistics, turns=False)[0].label
+        answers, of = Answers("", frames, self.layout.space, None, shown), self.layout.photographs
+        tests = CalibratedTests(answers, Resampling())
+        if of is not None:
+            answers = replace(answers, gap=of.gap, made=of.made)
+            tests = CalibratedTests(answers, Resampling(seed=of.seed), of.independent)
+        return calibrated_rules(CalibratedStatistics(tests), turns=False)[0].label
 
     def _count(self, row: FrameAnswers) -> None:
         """Add the next frame to the open claims; once there is a label, to its two checks."""
@@ -346,7 +368,8 @@ def layout_for(plan: Plan, model: str) -> QuestionOrder:
     for key in plan.keys_of(model):
         asked[key.frame].append(key.condition)
     by_frame = {frame: tuple(names) for frame, names in asked.items()}
-    return layout_of(plan.frames, by_frame, plan.bank.manifest.action_space, plan.seed)
+    layout = layout_of(plan.frames, by_frame, plan.bank.manifest.action_space, plan.seed)
+    return replace(layout, photographs=Photographs.of(plan.bank.manifest, plan.seed))
 
 
 class EarlyStop(Stages):

@@ -215,7 +215,8 @@ def _found(
 ) -> tuple[CalibratedStatistics, Answers]:
     """Return a controller's statistics and answers, if the bank had these frames."""
     answers = _Ideal(bank, frames).answers(choose, without=without)
-    return CalibratedStatistics(CalibratedTests(answers, _HOW)), answers
+    independent = bank.manifest.independent and bank.manifest.provenance != "rendered"
+    return CalibratedStatistics(CalibratedTests(answers, _HOW, independent)), answers
 
 
 @dataclass(frozen=True)
@@ -237,9 +238,8 @@ class _Ideal:
             )
             for name in asked
         }
-        return Answers(
-            "", self.frames, space, gap, {name: decision for name, decision in decisions.items() if any(decision)}
-        )
+        given = {name: decision for name, decision in decisions.items() if any(decision)}
+        return Answers("", self.frames, space, gap, given, made=self.bank.manifest.provenance)
 
     @cached_property
     def by_level(self) -> tuple[str, str, str]:

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 from eyechart.conditions import CONTROLS, OVER, is_available, of_bank
 from eyechart.costs import ALL, Account, Book
 from eyechart.errors import LedgerError, SpecError, counted
-from eyechart.frames import FrameBank
+from eyechart.frames import IMPORTED, FrameBank
 from eyechart.integrity import Guard, GuardChecks, RequestChecks
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
@@ -23,7 +23,7 @@ from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import ModelStatistics, Statistic
 from eyechart.studies.battery.answers import Answers, read_answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedTests
-from eyechart.studies.battery.controls import DEPTH_TESTS, TURN_TESTS
+from eyechart.studies.battery.controls import DEPTH_TESTS, OF_PICTURES, TURN_TESTS
 from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.early_stop import EarlyStop, StoppingState
 from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
@@ -40,8 +40,12 @@ from eyechart.studies.battery.stages import (
     widest,
 )
 from eyechart.verdicts import Evidence, StoppingPoint
+from eyechart.verdicts.why_not import MOVED
 
-READ = (*DEPTH_TESTS, *NAMES, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement")
+READ = (
+    *(*DEPTH_TESTS, *NAMES, *TURN_TESTS, "repeat_over_nudged", "unparsed_reference", "self_disagreement"),
+    *OF_PICTURES,
+)
 """The tests that ``depth`` and its turns rest on."""
 
 CallAccounts = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]]
@@ -117,6 +121,8 @@ class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
 
     independent: bool = False
     """Whether the user or the bank declared that frames without episodes are independent draws."""
+    folder: Path = Path("RUN")
+    """The folder of the run."""
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -150,6 +156,8 @@ class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
                 absent=absent,
                 part=part and any(name not in absent for name in CONTROLS),
                 bank=self.manifest.bank_path,
+                made=self.bank.manifest.provenance,
+                run=str(self.folder),
             )
             for spec, model in self.models.items()
         }
@@ -178,7 +186,26 @@ class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
         asked = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
         if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
             asked = f"called elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
-        return f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
+        said = f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
+        return " ".join((said, *_made_in_words(bank)))
+
+
+def _made_in_words(bank: FrameBank) -> Iterator[str]:
+    """Yield how the control pictures of a bank were made, unless a simulator rendered them."""
+    manifest = bank.manifest
+    if manifest.simulator != IMPORTED or not any(frame.counterfactuals for frame in bank):
+        return
+    if manifest.made != "edited":
+        words = f"were {manifest.made}" if manifest.made else "may be rendered, staged or edited: it is not said"
+        yield f"Its control pictures {words}."
+        return
+    edit = manifest.edit
+    counts = ", ".join(f"{name} {sum(name in frame.counterfactuals for frame in bank)}" for name in MOVED)
+    how, refused = edit.get("method"), edit.get("refused")
+    left = f"; {sum(refused.values())} pictures were refused, see edit.json" if isinstance(refused, dict) else ""
+    by = f" ({how})" if how else ""
+    yield f"Its control pictures were made by editing{by}: {counts} of {len(bank)} frames{left}."
+    yield "Cut-outs were moved, not things: light, haze, reflections or the face that is seen may play a part."
 
 
 def score(
@@ -295,7 +322,7 @@ def score_run(
         )
         for spec, version in manifest.models.items()
     }
-    return BatteryScore(manifest, bank, models, spent, kept, independent)
+    return BatteryScore(manifest, bank, models, spent, kept, independent, ledger_path.parent)
 
 
 def took(path: Path, *, prices: Prices | None = None) -> CallAccounts:

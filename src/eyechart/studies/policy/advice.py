@@ -34,7 +34,8 @@ CHANNEL_OF = {"camera": CAMERAS, "state": STATE, "instruction": INSTRUCTION}
 
 def settling(score: PolicyScore, spec: str, channel: str) -> Advice:
     """Return the advice that would decide a channel's axis."""
-    ways = (*_to_ask(score, channel), *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
+    seen = (*_to_ask(score, channel), *_of_failures(score, spec, channel))
+    ways = (*seen, *_of_the_road(score, spec, channel), *_of_pose(score, spec, channel))
     return next(iter(ways), _of(SETTLE, score, channel))
 
 
@@ -89,14 +90,24 @@ def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
         )
 
 
+def _of_failures(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
+    """Yield advice if the policy fails on pictures that a channel's label needs."""
+    if names := [name for name in _needed(channel) if name in score.models[spec].motions.fails_on]:
+        yield Advice(f"let it return a motion on {', '.join(names)} pictures too: what it does where it finds nothing")
+
+
 def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
     """Yield the conditions that a channel's label needs, the bank can show and the run lacks."""
     able, asked = conditions_of(score.bank)[0], score.manifest.conditions
-    wanted = ["real_repeat", f"swapped{OVER}{channel}"]
+    yield from (name for name in _needed(channel) if name in able and name not in asked)
+
+
+def _needed(channel: str) -> Iterator[str]:
+    """Yield the conditions that a channel's label needs."""
+    yield from ("real_repeat", f"swapped{OVER}{channel}")
     if channel not in {STATE, INSTRUCTION}:
         over = f"{OVER}{channel.removeprefix(CAMERA)}" if channel.startswith(CAMERA) else ""
-        wanted += [*(f"{name}{OVER}{channel}" for name in BY_STATE), f"blank{over}"]
-    yield from (name for name in wanted if name in able and name not in asked)
+        yield from (*(f"{name}{OVER}{channel}" for name in BY_STATE), f"blank{over}")
 
 
 def _in_words(channel: str) -> str:

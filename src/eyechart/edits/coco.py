@@ -1,0 +1,142 @@
+"""Objects of COCO (Lin et al. 2014), which CVAT, Label Studio and Roboflow export: one JSON file.
+
+``attributes`` of an annotation may hold ``distance_m``, ``role``, ``occluded`` and ``truncated``.
+"""
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from eyechart.edits.annotations import IGNORED, LEAD, OTHER, OWN, Annotations, ObjectBox, Photo
+from eyechart.edits.geometry import Box, Mask
+from eyechart.edits.numbers import read_document
+from eyechart.errors import SourceError
+from eyechart.frames import MAX_PIXELS
+from eyechart.importing.faults import Faults
+from eyechart.importing.photographs import Photographs
+
+_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+
+
+class _Picture(msgspec.Struct):
+    id: int | str
+    file_name: str
+
+
+class _Runs(msgspec.Struct):
+    """A mask as runs of pixels that are out and in by turns, down the columns."""
+
+    size: tuple[int, int]
+    counts: list[int] | str
+
+
+class _Category(msgspec.Struct):
+    id: int
+    name: str = ""
+
+
+class _Object(msgspec.Struct):
+    image_id: int | str
+    bbox: tuple[_Number, _Number, _Number, _Number]
+    id: int | str = 0
+    category_id: int | None = None
+    segmentation: list[list[_Number]] | _Runs | None = None
+    iscrowd: int = 0
+    attributes: dict[str, object] = {}
+
+
+class _Set(msgspec.Struct):
+    images: list[_Picture]
+    annotations: list[_Object]
+    categories: list[_Category] = []
+
+
+def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
+    """Read a JSON file; a category or a role called ``lead`` or ``own`` says so of its objects."""
+    found = read_document(objects, _Set, "COCO file")
+    names = {one.id: one.name.strip().lower() for one in found.categories}
+    pictures, things = Photographs(folder, objects.parent), defaultdict[int | str, list[ObjectBox]](list)
+    for one in found.annotations:
+        with faults.noted():
+            things[one.image_id].append(_thing(one, names, f"{objects.name}, annotation {one.id}"))
+    photos = []
+    for picture in found.images:
+        where = f"{objects.name}, image {picture.id}"
+        with faults.noted():
+            file = pictures.locate(picture.file_name, f"{where}: the file")
+            if not (folder / file).is_file():
+                raise SourceError(f"{where}: there is no picture '{file}' in {folder}")
+            photos.append(Photo(file, {}, things=tuple(things[picture.id]), where=where))
+    return Annotations(tuple(photos), ())
+
+
+def _thing(one: _Object, names: dict[int, str], where: str) -> ObjectBox:
+    x, y, width, height = one.bbox
+    if width <= 0 or height <= 0:
+        raise SourceError(f"{where}: its box is empty")
+    called = str(one.attributes.get("role") or names.get(one.category_id or 0, "")).strip().lower()
+    role = IGNORED if one.iscrowd else called if called in {LEAD, OWN} else OTHER
+    corners, cut_out = "", None
+    if isinstance(one.segmentation, _Runs):
+        cut_out = mask_of_runs(one.segmentation.size, one.segmentation.counts, where)
+    elif one.segmentation and role != IGNORED:
+        parts = (zip(part[::2], part[1::2], strict=False) for part in one.segmentation if len(part) >= 6)
+        corners = "; ".join(" ".join(f"{a:g},{b:g}" for a, b in part) for part in parts)
+    return ObjectBox(
+        role,
+        Box(x, y, x + width, y + height),
+        _attribute(one, "distance_m", where) or None,
+        corners,
+        truncated=_attribute(one, "truncated", where),
+        occluded=2.0 if one.attributes.get("occluded") is True else _attribute(one, "occluded", where),
+        where=where,
+        cut_out=cut_out,
+    )
+
+
+def _attribute(one: _Object, name: str, where: str) -> float:
+    """Return an attribute as a number of 0 or more, 0 if it is not there."""
+    value = one.attributes.get(name)
+    if value in (None, ""):
+        return 0.0
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError) as error:
+        raise SourceError(f"{where}: {name} is {str(value)[:40]!r}, not a number") from error
+    if not 0 <= number < 1e9:
+        raise SourceError(f"{where}: {name} is {number:g}, not a number of 0 or more")
+    return number
+
+
+def mask_of_runs(size: tuple[int, int], counts: list[int] | str, where: str) -> Mask:
+    """Return the mask (h, w) of COCO's runs, plain or packed as text; raises SourceError."""
+    height, width = size
+    if not (height > 0 and width > 0 and height * width <= MAX_PIXELS):
+        raise SourceError(f"{where}: its mask has {height}×{width} pixels")
+    runs = _unpacked(counts, where) if isinstance(counts, str) else counts
+    if min(runs, default=0) < 0 or sum(runs) != height * width:
+        raise SourceError(f"{where}: the runs of its mask are not the {height * width} pixels of its size")
+    values = np.arange(len(runs)) % 2 == 1
+    return np.repeat(values, runs).reshape(width, height).T
+
+
+def _unpacked(text: str, where: str) -> list[int]:
+    """Return the runs of a packed text: five bits a sign, differences to the run before the last."""
+    runs: list[int] = []
+    value = shift = 0
+    for sign in text:
+        bits = ord(sign) - 48
+        if not 0 <= bits < 64 or shift > 30:
+            raise SourceError(f"{where}: the runs of its mask are not packed as COCO packs them")
+        value |= (bits & 31) << shift
+        shift += 5
+        if bits & 32:
+            continue
+        if bits & 16:
+            value |= -1 << shift
+        runs.append(value + (runs[-2] if len(runs) > 2 else 0))
+        value = shift = 0
+    return runs

@@ -1,0 +1,66 @@
+"""The record of an edit beside a table: how its control pictures were made, and their digests."""
+
+import hashlib
+from collections import Counter
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from eyechart.errors import SourceError, raising, text_file
+from eyechart.frames import Made
+
+RECORD = "edit.json"
+"""The file of the record, in the folder of the table."""
+
+
+class RefusedPicture(msgspec.Struct, frozen=True):
+    """A control picture that was not made, and why."""
+
+    file: str
+    picture: str
+    reason: str
+
+
+class EditRecord(msgspec.Struct, frozen=True):
+    """What an edit made: its method, counts by picture, refusals, and the SHA-256 of each file."""
+
+    made: Literal["edited"]
+    method: str
+    parameters: dict[str, Any]
+    pictures: dict[str, int]
+    refused: tuple[RefusedPicture, ...]
+    digests: dict[str, str]
+    scales: dict[str, tuple[float, float]] = {}
+
+    def agreed(self, said: Made, table: Path) -> Made:
+        """Return that its pictures are edited; raises SourceError if something else was ``said``."""
+        if said not in {"", self.made}:
+            raise SourceError(
+                f"{table.parent / RECORD} says that the control pictures are edited, and --made says {said}: leave out "
+                "--made, or import the table of other pictures"
+            )
+        return self.made
+
+    def summary(self) -> dict[str, object]:
+        """Return what a bank's manifest keeps, as plain JSON values; refusals are counts by picture."""
+        refused = dict(sorted(Counter(one.picture for one in self.refused).items()))
+        kept = {"method": self.method, "parameters": self.parameters, "pictures": self.pictures, "refused": refused}
+        return {**kept, "scales": {name: list(ends) for name, ends in self.scales.items()}}
+
+    def require_recorded(self, file: str, picture: bytes) -> None:
+        """Raise SourceError unless a picture, named from the table's folder, is as the edit left it."""
+        recorded = self.digests.get(file)
+        if recorded is None:
+            raise SourceError(f"'{file}' is no picture that {RECORD} names; edit the photographs again")
+        if recorded != hashlib.sha256(picture).hexdigest():
+            raise SourceError(f"'{file}' is not the picture that {RECORD} names: its SHA-256 differs")
+
+
+def read_edit(folder: Path) -> EditRecord | None:
+    """Read the record in the folder of a table, None without one; raises SourceError if it is damaged."""
+    path = folder / RECORD
+    if not path.exists():
+        return None
+    with raising(SourceError, f"{path} is no record of an edit", of=(OSError, msgspec.MsgspecError, RecursionError)):
+        return msgspec.json.decode(text_file(path).read_bytes(), type=EditRecord)

@@ -1,0 +1,225 @@
+"""Each form of annotations becomes the one table: read from a small file of its own shape."""
+
+import csv
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner, Result
+
+import drawn_roads
+from annotation_forms import WRITERS, coco, kitti, nuscenes
+from drawn_roads import EYE_M, HORIZON, LANE_M, SLOPE
+from eyechart.cli.app import app
+from eyechart.edits import ANNOTATION_FORMATS, Photo, read_format
+from eyechart.edits.coco import mask_of_runs
+from eyechart.edits.geometry import Box
+from eyechart.edits.nuscenes import turned
+from eyechart.errors import SourceError
+
+DRAWN = drawn_roads.some(4)
+
+
+def by_file(photos: Sequence[Photo]) -> dict[str, Photo]:
+    """Return photographs by the last part of their file."""
+    return {one.file.rpartition("/")[2]: one for one in photos}
+
+
+def test_each_form_has_a_test() -> None:
+    """A new one is written here too."""
+    assert WRITERS.keys() == ANNOTATION_FORMATS.keys()
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_form_says_what_it_holds(name: str, tmp_path: Path) -> None:
+    """Boxes to a pixel, distances to their near face, the horizon where there is a calibration."""
+    found = by_file(read_format(name, *WRITERS[name](tmp_path, DRAWN), None).photos)
+    assert sorted(found) == [one.file for one in DRAWN]
+    for photo in DRAWN:
+        things = [one for one in found[photo.file].things if one.role == ""]
+        assert len(things) == 2
+        for n, thing in enumerate(things):
+            assert np.abs(np.subtract(thing.box, photo.corners(n))).max() <= 1.0
+            wanted = None if name == "mot" else photo.boxes[n][0]
+            assert thing.distance_m == (None if wanted is None else pytest.approx(wanted, abs=0.02))
+            assert thing.truncated == 0
+        assert found[photo.file].horizon == (pytest.approx(HORIZON) if name in {"kitti", "nuscenes"} else None)
+
+
+def test_what_forms_say_besides(tmp_path: Path) -> None:
+    """Regions that were not annotated, masks, drives, places, and how much is hidden."""
+    made = {}
+    for name, write in WRITERS.items():
+        (tmp_path / name).mkdir()
+        made[name] = read_format(name, *write(tmp_path / name, DRAWN), None)
+    first = {name: by_file(one.photos)[DRAWN[0].file] for name, one in made.items()}
+    assert [one.role for one in first["kitti"].things] == ["", "", "ignored"]
+    assert first["yolo"].things[0].mask == ""
+    assert len(first["yolo"].things[1].mask.split()) == 4
+    assert len(first["coco"].things[0].mask.split()) == 4
+    cut_out = first["coco"].things[1].cut_out
+    assert cut_out is not None
+    assert np.array_equal(np.argwhere(cut_out)[0], DRAWN[0].corners(1)[1::-1])
+    assert [one.occluded for one in first["mot"].things] == [0, 1]
+    assert dict(first["mot"].cells) == {"episode": "drive-7", "step": 0}
+    assert dict(first["nuscenes"].cells) == {"episode": "scene-0061", "step": 3, "scenario": "harbour"}
+    assert made["nuscenes"].columns == ("episode", "step", "scenario")
+
+
+def test_a_packed_mask_is_the_plain_one() -> None:
+    """The text is that of pycocotools for a square of 3 by 3 in 6 by 5."""
+    plain = mask_of_runs((6, 5), [7, 3, 3, 3, 3, 3, 8], "here")
+    assert np.array_equal(np.argwhere(plain), [[y, x] for y in (1, 2, 3) for x in (1, 2, 3)])
+    assert np.array_equal(mask_of_runs((6, 5), "7330005", "here"), plain)
+    for counts, words in (
+        ("7330", "are not the 30 pixels"),
+        ("7~", "not packed as COCO packs"),
+        ([-1, 31], "30 pixels"),
+    ):
+        with pytest.raises(SourceError, match=words):
+            mask_of_runs((6, 5), counts, "here")
+    with pytest.raises(SourceError, match="its mask has"):
+        mask_of_runs((10**6, 10**6), [1], "here")
+
+
+def test_a_quaternion_turns_as_it_says() -> None:
+    """A quarter turn about z takes ahead to the left; four zeros are none."""
+    half = math.sqrt(0.5)
+    assert turned((half, 0, 0, half)) @ [1, 0, 0] == pytest.approx([0, 1, 0])
+    with pytest.raises(SourceError, match="no quaternion of length 1"):
+        turned((0, 0, 0, 0))
+
+
+def edit(form: str, photos: Path, objects: Path, out: Path, *words: str) -> Result:
+    """Run the command on annotations in a form."""
+    given = ["frames", "edit", str(photos), "--objects", str(objects), "--out", str(out), "--cut", "box"]
+    return CliRunner().invoke(
+        app, [*given, *(("--format", form) if form else ()), "--near", "4:6", "--far", "20:25", *words]
+    )
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return a table's rows."""
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("name", ["kitti", "nuscenes"])
+def test_a_form_with_everything_is_edited_at_once(name: str, tmp_path: Path) -> None:
+    """What is nearest on the own way leads; the tables that were found are there to be corrected."""
+    photos, objects = WRITERS[name](tmp_path, DRAWN)
+    result = edit(name, photos, objects, tmp_path / "out", "--lane", str(LANE_M), "--eye", str(EYE_M))
+    assert result.exit_code == 0, result.exception
+    gaps = {row["file"].rpartition("/")[2]: float(row["gap"]) for row in rows_of(tmp_path / "out" / "table.csv")}
+    assert gaps == {one.file: pytest.approx(one.boxes[0][0], abs=0.02) for one in DRAWN}
+    assert all(row["lead_far"] for row in rows_of(tmp_path / "out" / "table.csv"))
+    found = tmp_path / "out" / "photos.csv"
+    table = [{**row, "beside": "right"} for row in rows_of(found)]
+    with (tmp_path / "mine.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(table[0]))
+        writer.writeheader()
+        writer.writerows(table)
+    words = ("--table", str(tmp_path / "mine.csv"), "--lane", str(LANE_M), "--eye", str(EYE_M))
+    assert edit("", photos, tmp_path / "out" / "objects.csv", tmp_path / "again", *words).exit_code == 0
+    again = rows_of(tmp_path / "again" / "table.csv")
+    assert any(row["exchange_own"] for row in again)
+    for row, before in zip(again, rows_of(tmp_path / "out" / "table.csv"), strict=True):
+        assert row["lead_far_m"] == before["lead_far_m"]
+
+
+@pytest.mark.parametrize("name", ["coco", "yolo", "mot"])
+def test_a_form_that_lacks_something_says_what_would_do(name: str, tmp_path: Path) -> None:
+    """Eight boxes fix no horizon; a table with one does, and MOT needs --from-foot too."""
+    photos, objects = WRITERS[name](tmp_path, DRAWN)
+    ways = ("--lane", str(LANE_M), "--eye", str(EYE_M))
+    said = str(edit(name, photos, objects, tmp_path / "none", *ways).exception)
+    assert "its horizon is not known" in said
+    assert "give the column horizon, or more boxes with distance_m" in said
+    text = "".join(f"{one.file},{HORIZON},right\n" for one in DRAWN)
+    (tmp_path / "photos.csv").write_text(f"file,horizon,beside\n{text}")
+    table = ("--table", str(tmp_path / "photos.csv"))
+    if name == "mot":
+        lacking = edit(name, photos, objects, tmp_path / "lacks", *ways, *table)
+        assert "the distance of its lead is not known: give distance_m, or --from-foot K" in str(lacking.exception)
+        table = (*table, "--from-foot", str(SLOPE))
+    result = edit(name, photos, objects, tmp_path / "out", *ways, *table)
+    assert result.exit_code == 0, result.exception
+    rows = rows_of(tmp_path / "out" / "table.csv")
+    assert [float(row["gap"]) for row in rows] == [pytest.approx(one.boxes[0][0], rel=0.03) for one in DRAWN]
+    assert sum(bool(row["lead_far"]) for row in rows) == len(DRAWN)
+    if name == "coco":
+        with Image.open(tmp_path / "out" / "masks" / f"{DRAWN[0].file}-1.png") as mask:
+            x0, y0, x1, y1 = DRAWN[0].corners(1)
+            assert np.asarray(mask).any(axis=2).sum() == (x1 - x0) * (y1 - y0)
+
+
+def test_a_role_is_taken_as_it_is_annotated(tmp_path: Path) -> None:
+    """A category called lead leads, also beside the own way; and then no way is needed."""
+    photos, objects = coco(tmp_path, DRAWN)
+    whole = json.loads(objects.read_text())
+    whole["categories"].append({"id": 2, "name": "Lead"})
+    for one in whole["annotations"][1::2]:
+        one["category_id"] = 2
+    objects.write_text(json.dumps(whole))
+    found = read_format("coco", photos, objects, None)
+    assert [one.lead.box for one in found.photos if one.lead] == [Box(*one.corners(1)) for one in DRAWN]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("kitti", "Car 0.00 0 0.1 3 4", "000000.txt, line 1 has not the 15 fields of KITTI's labels"),
+        ("kitti", "Car a b c", "000000.txt, line 1: could not convert string to float: 'a'"),
+        ("yolo", "0 0.5 0.5 0.1", "000000.txt, line 1 has not the class and four numbers of a box"),
+        ("yolo", "0 120 40 30 20", "its numbers are no shares of the picture"),
+        ("yolo", "0 0.5 0.5 0.1 0.1 -4", "the distance is -4; it is more than 0"),
+        ("yolo", "0 0.5 0.5 0 0.1", "its box is empty"),
+        ("mot", "99,1,2,3,4,5", "there is no picture of instant 99"),
+        ("mot", "0,1,2,3,0,5", "its box is empty"),
+        ("mot", "0,1,2", "gt.txt, line 1 has not the six numbers of MOT"),
+        ("coco", "{}", "is no COCO file"),
+        ("coco", '{"images": [{"id": 1, "file_name": "x.png"}], "annotations": []}', "there is no picture 'x.png'"),
+        ("coco", '{"images": [{"id": 1, "file_name": "/etc/passwd"}], "annotations": []}', "leads outside"),
+    ],
+)
+def test_a_fault_of_a_file_is_said_with_its_line(name: str, change: str, words: str, tmp_path: Path) -> None:
+    """What, which, and nothing is taken from a file that is wrong."""
+    photos, objects = WRITERS[name](tmp_path, DRAWN[:1])
+    (objects / "000000.txt" if objects.is_dir() else objects).write_text(change)
+    with pytest.raises(SourceError) as caught:
+        read_format(name, photos, objects, None)
+    assert words in str(caught.value)
+
+
+def test_a_broken_table_of_nuscenes_is_named(tmp_path: Path) -> None:
+    """A table that is not there, one of another kind, and a token that another table has not."""
+    photos, objects = nuscenes(tmp_path, DRAWN[:1])
+    kept = (objects / "scene.json").read_text()
+    for text, words in (("[{}]", "is no table of nuScenes"), ("[]", "refers to a token that another has not")):
+        (objects / "scene.json").write_text(text)
+        with pytest.raises(SourceError, match=words):
+            read_format("nuscenes", photos, objects, None)
+    (objects / "scene.json").write_text(kept)
+    (objects / "log.json").unlink()
+    with pytest.raises(SourceError, match=r"log\.json cannot be read"):
+        read_format("nuscenes", photos, objects, None)
+
+
+def test_options_that_a_form_does_not_take_are_refused(tmp_path: Path) -> None:
+    """And a form without roles needs to know how wide the own way is."""
+    photos, objects = kitti(tmp_path, DRAWN[:2])
+    out = tmp_path / "out"
+    assert "--lane and --eye say how wide" in str(edit("kitti", photos, objects, out).exception)
+    assert "--boxes is for the table" in str(edit("kitti", photos, objects, out, "--boxes", "xywh").exception)
+    assert "unknown --format 'kiti'; did you mean 'kitti'?" in str(edit("kiti", photos, objects, out).exception)
+    assert "give --table, the table of the photographs" in str(edit("", photos, objects, out).exception)
+    assert "is no folder; --objects is the folder" in str(edit("yolo", photos, tmp_path / "a.txt", out).exception)
+    (tmp_path / "rows.csv").write_text("file\n000000.png\n000001.png\n")
+    (objects / "000001.txt").unlink()
+    words = ("--table", str(tmp_path / "rows.csv"), "--lane", "3", "--eye", "1.5")
+    assert "row 2: '000001.png' is not annotated in" in str(edit("kitti", photos, objects, out, *words).exception)
+    assert not out.exists()
