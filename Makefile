@@ -95,17 +95,17 @@ ladder: $(CORE)
 	$(BIN)/eyechart ladder --out ladder --processes 2
 
 test: $(DEV)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "not models and not browser and not slow"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "not models and not browser and not lerobot and not slow"
 
 test-slow: $(DEV)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "slow and not models and not browser"
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "slow and not models and not browser and not lerobot"
 
 test-models: $(MODELS)
 	EYECHART_EXTRAS=required $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m models
 
 test-lerobot: $(MODELS)
 	@test -n "$(EYECHART_LEROBOT_PYTHON)" || { echo "EYECHART_LEROBOT_PYTHON names a Python that has lerobot[dataset,diffusion]"; exit 1; }
-	EYECHART_EXTRAS=required $(BIN)/python -m pytest -m lerobot tests/extras
+	EYECHART_EXTRAS=required $(BIN)/python -m pytest tests/extras -m lerobot
 
 test-browser: $(BROWSER)
 	@test -n "$${EYECHART_CHROMIUM:-$(CHROMIUM)}" || \

@@ -33,6 +33,7 @@ OWN = {
     "models/faults.py",
     "models/http.py",
     "models/huggingface/weights.py",
+    "models/lerobot/process.py",
     "perception/estimators.py",
     "records.py",
     "spaces/motion.py",

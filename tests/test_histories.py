@@ -422,7 +422,7 @@ def test_a_prompt_shows_the_instant_before_in_its_place(bank: FrameBank, plain: 
         more = battery.plan(bank.root, [mode], tmp_path / "run", extent=battery.BatterySelection(5), **asked)  # type: ignore[arg-type]
         assert more.left() == 2 * len(conditions)
         assert battery.run(more).whole
-        with pytest.raises(SpecError, match=r"1 instant before a frame; .*eyechart frames import --history 1'"):
+        with pytest.raises(SpecError, match=r"1 instant before a frame; .*eyechart frames import' and --history 1"):
             battery.plan(plain.root, [mode], tmp_path / "other", **asked)  # type: ignore[arg-type]
     sent = [pictures_of(one["messages"]) for one in server.asked]
     frames = battery.score(tmp_path / "run").manifest.frames or [frame.id for frame in more.plan.frames]

@@ -50,13 +50,15 @@ def test_the_workflows_only_call_make() -> None:
     assert set(steps) <= {f"make {target}" for target in targets}
 
 
-@pytest.mark.parametrize("marks", [set(), {"slow"}, {"models"}, {"browser"}, {"slow", "models"}, {"slow", "browser"}])
+@pytest.mark.parametrize(
+    "marks", [set(), {"slow"}, {"models"}, {"browser"}, {"slow", "lerobot"}, {"slow", "models"}, {"slow", "browser"}]
+)
 def test_each_test_is_run_by_one_target(marks: set[str]) -> None:
     """A slow test that needs an extra is run where the extra is, and nowhere else; none is run by none."""
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     asked = dict(re.findall(r"^(test[a-z-]*):.*\n(?:\t.*\n)*?\t.*pytest.* -m \"?(.+?)\"?$", makefile, re.MULTILINE))
-    assert set(asked) == {"test", "test-slow", "test-models", "test-browser"}
-    held = {mark: mark in marks for mark in ("slow", "models", "browser")}
+    assert set(asked) == {"test", "test-slow", "test-models", "test-lerobot", "test-browser"}
+    held = {mark: mark in marks for mark in ("slow", "models", "lerobot", "browser")}
     runs = [target for target, words in asked.items() if eval(words, {}, held)]  # noqa: S307 - our own file
     assert len(runs) == 1, (marks, runs)
 

@@ -135,7 +135,7 @@ def require_history(spec: str, history: int, bank: FrameBank) -> None:
         raise SpecError(
             f"'{spec}' declares history = {history}, and the bank {bank.root} holds "
             f"{counted(bank.manifest.history, 'instant')} before each frame; make the bank with 'eyechart frames "
-            f"import --history {history}'"
+            f"import' and --history {history}"
         )
 
 

@@ -174,7 +174,7 @@ def require_placed(messages: Sequence[PromptMessage], seen: Stimulus, who: str) 
             lacks, way = "such a camera or example", ""
             if place.name in seen.images:
                 lacks = f"{counted(place.ago, 'instant')} before a frame"
-                way = f"; make the bank with 'eyechart frames import --history {place.ago}'"
+                way = f"; make the bank with 'eyechart frames import' and --history {place.ago}"
             near = did_you_mean(place.written, there)
             raise SpecError(
                 f"{who} places {place.written}, but there is no picture of {lacks};{near} there are "

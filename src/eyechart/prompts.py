@@ -377,7 +377,7 @@ def stated_prompt(bank: FrameBank, given: Prompt | None = None) -> Prompt:
     if given.space is not None and not isinstance(given.space, AnswerSpace):
         raise SpecError(
             f"prompt '{given.name}' asks for named actions, and a policy answers with numbers: declare them in "
-            "[answer], or ask for the names with 'eyechart run battery --prompt FILE'"
+            "[answer], or ask for the names with 'eyechart run battery' and --prompt FILE"
         )
     fields = () if given.space is None else given.space.fields
     with raising(SpecError, f"prompt '{given.name}'", of=SpecError):

@@ -41,6 +41,7 @@ COMMANDS = (
     "frames import",
     "frames check",
     "frames show",
+    "frames declare",
     "frames edit",
     "frames export",
     "run",

@@ -57,7 +57,7 @@ def test_it_is_given_pictures_by_camera_a_flat_state_and_words(monkeypatch: pyte
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        ("left", "no numbers"),
+        ("left", "a text is no array of numbers"),
         (None, "a NoneType is no array of numbers"),
         ([[1.0], [2.0, 3.0]], "no array"),
         (np.zeros(200_000), "too large"),

@@ -1,11 +1,11 @@
 """Queries that wait together and are answered in one call of a callable, each with its own reply."""
 
-import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
 from eyechart.calls import Query, Reply
+from eyechart.event_loops import asyncio
 from eyechart.modes import without_secrets
 
 WAIT_S = 0.01
@@ -14,7 +14,7 @@ MOST = 1024
 """The most queries in a call."""
 SIZES = f"a whole number from 1 to {MOST}: it then takes and returns lists of so many or fewer"
 
-Waiting = tuple[Query, asyncio.Future[Reply]]
+Waiting = tuple[Query, "asyncio.Future[Reply]"]
 
 
 class NotCalledError(Exception):
@@ -36,7 +36,7 @@ class Batches:
     most: int
     call: Callable[[Sequence[Query]], Awaitable[Sequence[Reply]]]
     _waiting: list[Waiting] = field(default_factory=list)
-    _under_way: set[asyncio.Task[None]] = field(default_factory=set)
+    _under_way: "set[asyncio.Task[None]]" = field(default_factory=set)
 
     async def answer(self, query: Query) -> Reply:
         """Return the reply to one query, whichever others are in its batch."""

@@ -62,7 +62,7 @@ _NOTHING = "No call is written yet."
 NOTHING_FOLLOWS = "Nothing follows from this before the run is over and scored."
 
 
-_Asked = tuple[RunManifest | EpisodesManifest, AnySpace, DecisionReader]
+_RunReading = tuple[RunManifest | EpisodesManifest, AnySpace, DecisionReader]
 """A run's manifest, its space, and what reads its replies."""
 
 
@@ -109,7 +109,7 @@ class LiveRun:
     over: str = ""
     _moves: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=10_000))
     _kept: tuple[LiveModel, ...] = ()
-    _asked: dict[Path, tuple[int, _Asked]] = field(default_factory=dict)
+    _asked: dict[Path, tuple[int, _RunReading]] = field(default_factory=dict)
     _reads: int = 0
     _spent: float = 0.0
     _why: str = ""
@@ -180,7 +180,7 @@ class LiveRun:
                     name = f"{spec} in {part}" if part else spec
                     yield _asked(name, ledger.attempts(spec), book, space, read)
 
-    def _manifest(self, study: Study[Any], run: Path) -> _Asked:
+    def _manifest(self, study: Study[Any], run: Path) -> _RunReading:
         """Return a run's manifest, space and reader, read again only after a change."""
         written = (run / RUN).stat().st_mtime_ns
         if run not in self._asked or self._asked[run][0] != written:

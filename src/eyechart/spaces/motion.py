@@ -37,7 +37,7 @@ MOST_NUMBERS = 100_000
 Floats = npt.NDArray[np.float64]
 _NAMED = (
     "{} is no array of numbers. A policy that answers with names is a controller: let it take (prompt, image), and ask "
-    "it with 'eyechart run battery --model python:MODULE:FUNCTION --prompt FILE', whose [answer] has the names"
+    "it with 'eyechart run battery' as --model python:MODULE:FUNCTION, with the names in the [answer] of --prompt FILE"
 )
 
 

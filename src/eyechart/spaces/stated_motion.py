@@ -67,7 +67,7 @@ class StatedMotionSpace(MotionSpace):
             if one.kind == "name":
                 raise SpecError(
                     f"answer field '{one.name}' is a name, and a policy answers with numbers. A policy that answers "
-                    "with names is a controller: 'eyechart run battery --prompt FILE' asks it"
+                    "with names is a controller: 'eyechart run battery' with --prompt FILE asks it"
                 )
 
     def _require_dimensions(self) -> None:

@@ -47,7 +47,7 @@ NO_PICTURES = ("noise", "text_only")
 LEFT_OUT = (
     *("unparsed_reference", "unparsed_controls", "lane_net"),
     *("content_shuffled", "content_recoloured", "content_lead_absent", "kappa", "self_disagreement", "scene_cue"),
-    *("presence", "presence_response", "repeats_together"),
+    *("presence", "presence_response", "repeats_together", "photographed", "patched_excess", "patched_bound"),
 )
 """Tests of a verdict that the power leaves out; each sometimes costs such a model its label."""
 

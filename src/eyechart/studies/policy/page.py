@@ -212,12 +212,11 @@ def _next(verdict: PolicyVerdict, score: PolicyScore) -> list[str]:
         found.append(f"leave out one of the cameras {', '.join(spare)}, and no more: they may show the same.")
     for name, judged in verdict.cameras.items() if not verdict.guards else ():
         if USES[judged.label].may_be_more and judged.label != verdict.camera.label:
+            used = USES[judged.label].rank
             use = (
-                "what it uses the {} camera for is open"
-                if USES[judged.label].rank
-                else "the use of the {} camera is undecided"
+                f"what it uses the {name} camera for is open" if used else f"the use of the {name} camera is undecided"
             )
-            found.append(f"{use.format(name)}: {settling(score, verdict.model, f'camera:{name}')}")
+            found.append(f"{use}: {settling(score, verdict.model, f'camera:{name}')}")
     return found or [named(UNFIT, score) if is_unfit(verdict) else FINE]
 
 
