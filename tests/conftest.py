@@ -62,9 +62,9 @@ FIRST = (
 """Files of few and long tests, the longest first; where several processes share the tests, none is left at the end."""
 
 
-CORE = "not models and not browser and not slow"
-SLOW = "slow and not models and not browser"
-_WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|slow)", re.MULTILINE)
+CORE = "not models and not browser and not lerobot and not slow"
+SLOW = "slow and not models and not browser and not lerobot"
+_WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|lerobot|slow)", re.MULTILINE)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
