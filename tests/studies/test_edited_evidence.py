@@ -20,6 +20,7 @@ from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
 from eyechart.verdicts.ruling import Ruling
 
+pytestmark = pytest.mark.slow
 EDITED = ("lead_near", "lead_far", "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart", "patched")
 CONDITIONS = ("real", "real_repeat", "shuffled", *EDITED, *NUDGES)
 FRAMES = 72
