@@ -3,8 +3,9 @@
 import csv
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -174,6 +175,7 @@ def test_a_role_is_taken_as_it_is_annotated(tmp_path: Path) -> None:
     [
         ("kitti", "Car 0.00 0 0.1 3 4", "000000.txt, line 1 has not the 15 fields of KITTI's labels"),
         ("kitti", "Car a b c", "000000.txt, line 1: could not convert string to float: 'a'"),
+        ("kitti", "Car 0 0 0 90 50 60 80 1 1 4 0 1 9 0", "000000.txt, line 1: its box is empty"),
         ("yolo", "0 0.5 0.5 0.1", "000000.txt, line 1 has not the class and four numbers of a box"),
         ("yolo", "0 120 40 30 20", "its numbers are no shares of the picture"),
         ("yolo", "0 0.5 0.5 0.1 0.1 -4", "the distance is -4; it is more than 0"),
@@ -207,6 +209,56 @@ def test_a_broken_table_of_nuscenes_is_named(tmp_path: Path) -> None:
     (objects / "log.json").unlink()
     with pytest.raises(SourceError, match=r"log\.json cannot be read"):
         read_format("nuscenes", photos, objects, None)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda whole: whole["annotations"][0].update(image_id=7), "annotation 0: no image has its image_id 7"),
+        (lambda whole: whole["annotations"][0]["attributes"].update(role="led"), "role is 'led', not lead, own"),
+        (lambda whole: whole["annotations"][0]["attributes"].update(distance_m=10**400), "distance_m is '1000"),
+        (lambda whole: [one["attributes"].update(role="lead") for one in whole["annotations"]], "one object leads"),
+        (lambda whole: whole["images"].append({**whole["images"][0], "id": 2}), "is already in instances.json, image"),
+    ],
+)
+def test_what_would_empty_a_road_in_silence_is_a_fault(
+    change: Callable[[dict[str, Any]], object], words: str, tmp_path: Path
+) -> None:
+    """A photograph that loses its objects would say that nothing is ahead."""
+    photos, objects = coco(tmp_path, DRAWN[:1])
+    whole = json.loads(objects.read_text())
+    change(whole)
+    objects.write_text(json.dumps(whole))
+    with pytest.raises(SourceError) as caught:
+        read_format("coco", photos, objects, None)
+    assert words in str(caught.value)
+
+
+def test_a_region_that_was_not_annotated_is_an_attribute_too(tmp_path: Path) -> None:
+    """As in the table of objects: nothing of it is cut out."""
+    photos, objects = coco(tmp_path, DRAWN[:1])
+    whole = json.loads(objects.read_text())
+    whole["annotations"][1]["attributes"]["role"] = "Ignored"
+    objects.write_text(json.dumps(whole))
+    assert [one.role for one in read_format("coco", photos, objects, None).photos[0].things] == ["", "ignored"]
+
+
+def test_a_lens_that_is_no_matrix_is_named(tmp_path: Path) -> None:
+    """Its rows have other lengths."""
+    photos, objects = nuscenes(tmp_path, DRAWN[:1])
+    mounts = json.loads((objects / "calibrated_sensor.json").read_text())
+    mounts[0]["camera_intrinsic"] = [[1.0], [1.0, 2.0], [3.0]]
+    (objects / "calibrated_sensor.json").write_text(json.dumps(mounts))
+    with pytest.raises(SourceError, match="no camera_intrinsic of 3×3 numbers"):
+        read_format("nuscenes", photos, objects, None)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_photographs_that_are_not_there_are_named(name: str, tmp_path: Path) -> None:
+    """In every form, before its files are read."""
+    _, objects = WRITERS[name](tmp_path, DRAWN[:1])
+    with pytest.raises(SourceError, match="gone is no folder of photographs"):
+        read_format(name, tmp_path / "gone", objects, None)
 
 
 def test_options_that_a_form_does_not_take_are_refused(tmp_path: Path) -> None:

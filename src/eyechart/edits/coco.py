@@ -10,10 +10,10 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from eyechart.edits.annotations import IGNORED, LEAD, OTHER, OWN, Annotations, ObjectBox, Photo
+from eyechart.edits.annotations import IGNORED, LEAD, OTHER, OWN, ROLES, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box, Mask
 from eyechart.edits.numbers import read_document
-from eyechart.errors import SourceError
+from eyechart.errors import SourceError, suggestion
 from eyechart.frames import MAX_PIXELS
 from eyechart.importing.faults import Faults
 from eyechart.importing.photographs import Photographs
@@ -57,11 +57,15 @@ class _Set(msgspec.Struct):
 def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     """Read a JSON file; a category or a role called ``lead`` or ``own`` says so of its objects."""
     found = read_document(objects, _Set, "COCO file")
+    images = {one.id for one in found.images}
     names = {one.id: one.name.strip().lower() for one in found.categories}
     pictures, things = Photographs(folder, objects.parent), defaultdict[int | str, list[ObjectBox]](list)
     for one in found.annotations:
+        where = f"{objects.name}, annotation {one.id}"
         with faults.noted():
-            things[one.image_id].append(_thing(one, names, f"{objects.name}, annotation {one.id}"))
+            if one.image_id not in images:  # its picture would pass for an empty road
+                raise SourceError(f"{where}: no image has its image_id {one.image_id!r}")
+            things[one.image_id].append(_thing(one, names, where))
     photos = []
     for picture in found.images:
         where = f"{objects.name}, image {picture.id}"
@@ -77,8 +81,7 @@ def _thing(one: _Object, names: dict[int, str], where: str) -> ObjectBox:
     x, y, width, height = one.bbox
     if width <= 0 or height <= 0:
         raise SourceError(f"{where}: its box is empty")
-    called = str(one.attributes.get("role") or names.get(one.category_id or 0, "")).strip().lower()
-    role = IGNORED if one.iscrowd else called if called in {LEAD, OWN} else OTHER
+    role = IGNORED if one.iscrowd else _role(one, names, where)
     corners, cut_out = "", None
     if isinstance(one.segmentation, _Runs):
         cut_out = mask_of_runs(one.segmentation.size, one.segmentation.counts, where)
@@ -97,6 +100,16 @@ def _thing(one: _Object, names: dict[int, str], where: str) -> ObjectBox:
     )
 
 
+def _role(one: _Object, names: dict[int, str], where: str) -> str:
+    """Return the attribute ``role``, else what the category's name says; raises SourceError."""
+    said = str(one.attributes.get("role") or "").strip().lower()
+    if said not in ROLES:
+        known = f"lead, own, ignored, or empty for another thing{suggestion(said, ROLES)}"
+        raise SourceError(f"{where}: role is '{said[:40]}', not {known}")
+    called = names.get(one.category_id or 0, "")
+    return said or (called if called in {LEAD, OWN} else OTHER)
+
+
 def _attribute(one: _Object, name: str, where: str) -> float:
     """Return an attribute as a number of 0 or more, 0 if it is not there."""
     value = one.attributes.get(name)
@@ -104,7 +117,7 @@ def _attribute(one: _Object, name: str, where: str) -> float:
         return 0.0
     try:
         number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SourceError(f"{where}: {name} is {str(value)[:40]!r}, not a number") from error
     if not 0 <= number < 1e9:
         raise SourceError(f"{where}: {name} is {number:g}, not a number of 0 or more")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.edits import coco, kitti, mot, nuscenes, yolo
-from eyechart.edits.annotations import LEAD, OTHER, Annotations, ObjectBox, Photo, read_photos
+from eyechart.edits.annotations import LEAD, OTHER, Annotations, ObjectBox, Photo, read_photos, require_one_lead
 from eyechart.edits.geometry import Lines
 from eyechart.edits.lines import Sight
 from eyechart.errors import SourceError
@@ -43,8 +43,15 @@ def read_format(name: str, folder: Path, objects: Path, table: Path | None) -> A
     A table's row says what the form does not: the horizon, the free side, the episode. Raises
     SourceError with all faults.
     """
+    if not folder.is_dir():
+        raise SourceError(f"{folder} is no folder of photographs")
     faults = Faults()
     found = ANNOTATION_FORMATS[name].read(folder, objects, faults)
+    seen: dict[str, Photo] = {}
+    for one in found.photos:
+        require_one_lead(one, faults)
+        if seen.setdefault(one.file, one) is not one:
+            faults.add(f"{one.where}: '{one.file}' is already in {seen[one.file].where}; a picture is annotated once")
     faults.require_none(str(objects))
     if not found.photos:
         raise SourceError(f"{objects} annotates no picture of {folder}")

@@ -6,6 +6,7 @@ from pathlib import Path
 from eyechart.edits.annotations import IGNORED, OTHER, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box
 from eyechart.edits.numbers import numbers_of, pictures_of
+from eyechart.errors import SourceError
 from eyechart.importing.faults import Faults
 from eyechart.importing.tables import text_lines
 
@@ -38,6 +39,8 @@ def _thing(words: list[str], where: str) -> ObjectBox:
     truncated, occluded, _, x0, y0, x1, y1, _, width, length, _, _, ahead, turned = values[: _FIELDS - 1]
     if words[0] == _UNMARKED:
         return ObjectBox(IGNORED, Box(x0, y0, x1, y1), None, where=where)
+    if x1 <= x0 or y1 <= y0:
+        raise SourceError(f"{where}: its box is empty")
     near = ahead - (length * abs(math.sin(turned)) + width * abs(math.cos(turned))) / 2
     return ObjectBox(
         OTHER,
@@ -55,5 +58,4 @@ def _middle(calibration: Path) -> tuple[float, float]:
         if line.startswith("P2:"):
             values = numbers_of(line.split()[1:], calibration.name, 12, "twelve numbers of P2")
             return values[2], values[6]
-    numbers_of([], calibration.name, 12, "a line 'P2:' with twelve numbers")
-    raise AssertionError
+    raise SourceError(f"{calibration.name} has no line 'P2:' with twelve numbers")

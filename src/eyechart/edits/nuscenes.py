@@ -131,7 +131,8 @@ def turned(rotation: _Four) -> _Floats:
 
 
 def _lens(mount: _Mount) -> _Floats:
-    lens = np.asarray(mount.camera_intrinsic, np.float64)
+    rows = mount.camera_intrinsic
+    lens = np.asarray(rows if {*map(len, rows)} == {3} else [], np.float64)
     if lens.shape != (3, 3) or not np.isfinite(lens).all():
         raise SourceError(f"calibrated_sensor {mount.token} has no camera_intrinsic of 3×3 numbers")
     return lens
