@@ -128,7 +128,7 @@ def test_a_window_reaches_it_with_the_oldest_instant_first(kind: str, tmp_path: 
 def test_a_bank_of_single_instants_is_refused_with_what_makes_another(bank: FrameBank, tmp_path: Path) -> None:
     """Copies of one instant are no window."""
     spec = f"lerobot:{stand_in.checkpoint(tmp_path / 'act', type='diffusion', n_obs_steps=2)}"
-    with pytest.raises(SpecError, match=r"holds 0 instants before each frame; make the bank with .*--history 1'"):
+    with pytest.raises(SpecError, match=r"holds 0 instants before each frame; make the bank with .*--history 1"):
         policy.plan(bank.root, [spec], tmp_path / "run")
 
 

@@ -1,6 +1,7 @@
 """Whose label rests on an edit: oracles of the edit lose depth, readers of distance keep it."""
 
 import json
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,6 +20,7 @@ from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
 from eyechart.verdicts.ruling import Ruling
 
+pytestmark = pytest.mark.slow
 EDITED = ("lead_near", "lead_far", "lead_drawn", "exchange_own", "exchange_beside", "exchange_apart", "patched")
 CONDITIONS = ("real", "real_repeat", "shuffled", *EDITED, *NUDGES)
 FRAMES = 72
@@ -132,7 +134,7 @@ def test_a_reader_that_errs_needs_more_frames(bank: FrameBank, pictures: Picture
     """With 3 answers of 10 by chance it is associated on 72 frames, and told how many it would take."""
     ruling = ruled(bank, pictures, noisy(TRUE["depth"], 0.3))
     assert ruling.label == "depth_associated"
-    assert "that it answers to the edit was not excluded: n = 71" in ruling.reason
+    assert re.search(r"that it answers to the edit was not excluded: n = 7[0-2], about \d+ frames", ruling.reason)
 
 
 @pytest.mark.parametrize("name", [*ORACLES, *TRACES])
