@@ -25,7 +25,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -76,6 +76,7 @@ help:
 	@echo "make long-coverage how often each printed interval holds a known truth, and how wide it is"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
 	@echo "make long-demo    processor time of the demo in 0.1.0 and in this version, in pairs, and its verdicts on five seeds"
+	@echo "make long-reading processor time of the commands that read a run, against a hello-world with numpy"
 	@echo "make long-growth  processor time and memory of verdict and costs over frames, models and calls, with exponents"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
 
@@ -144,7 +145,6 @@ bench: $(BENCH) $(INSPECT)/.done
 	$(BIN)/python benchmarks/bench_drives.py --seeds 1 --pictures --processes
 	$(BIN)/python benchmarks/bench_positive_control.py
 	$(BIN)/python benchmarks/bench_score.py
-	$(BIN)/python benchmarks/bench_reading.py
 	$(BIN)/python benchmarks/bench_guardian.py
 	$(BIN)/python benchmarks/bench_mpc.py
 	$(BIN)/python benchmarks/bench_serve.py
@@ -175,6 +175,9 @@ long-atheris: $(FUZZ)
 
 long-compare: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/compare_versions.py --old $(OLD_PYTHON)
+
+long-reading: $(CORE)
+	$(BIN)/python benchmarks/bench_reading.py --json benchmarks/results/reading.json
 
 long-growth: $(CORE)
 	$(BIN)/python benchmarks/growth.py

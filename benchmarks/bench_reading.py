@@ -2,7 +2,7 @@
 
 Runs of 1 and 16 models × 198 frames × 8 conditions are written by a script. Commands alternate with the hello-world,
 and a bound holds for the median ratio of processor time. The first reading of a ledger and the following ones are
-apart. Exits 1 where a bound is missed; ``--json`` writes the numbers.
+apart. The bounds are goals. Exits 1 where one is missed; ``--json`` writes the numbers.
 """
 
 import argparse
