@@ -6,6 +6,7 @@ apart. The bounds are goals. Exits 1 where one is missed; ``--json`` writes the 
 """
 
 import argparse
+import datetime as dt
 import json
 import os
 import shutil
@@ -19,6 +20,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench_score import make_run
+from eyechart import __version__
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 
@@ -122,7 +124,8 @@ def main() -> int:
             print(f"{name}: {took['first']}× a hello-world (at most {at_first:g}), again {took['again']}× ({later:g})")
         found["replies of 16 × 1584 calls against GROUP BY"] = took = against_sql(runs[16] / LEDGER, given.pairs)
         print(f"all replies of 16 × 1584 calls: {took['ratio']}× SQL's own GROUP BY")
-    found |= {"missed": missed, "load at the end": [round(one, 1) for one in os.getloadavg()]}
+    dated = {"version": __version__, "date": dt.datetime.now(dt.UTC).date().isoformat()}
+    found |= dated | {"missed": missed, "load at the end": [round(one, 1) for one in os.getloadavg()]}
     if given.json is not None:
         given.json.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     for one in missed:

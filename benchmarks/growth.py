@@ -8,6 +8,7 @@ frames, with the interval of least squares (t, 95 %). Writes ``benchmarks/result
 """
 
 import argparse
+import datetime as dt
 import json
 import math
 import os
@@ -21,6 +22,7 @@ import numpy as np
 from scipy import special
 
 from bench_score import make_run
+from eyechart import __version__
 
 RESULT = Path(__file__).parent / "results" / "growth.json"
 STEPS, CONDITIONS = 12, 8
@@ -117,6 +119,8 @@ def main() -> None:
     found = {
         "frames of one model": axis("frames", [(frames, 1) for frames in FRAMES], given.most, starts),
         "models on 144 frames": axis("models", [(144, models) for models in MODELS], given.most, starts),
+        "version": __version__,
+        "date": dt.datetime.now(dt.UTC).date().isoformat(),
         "load at the end": [round(one, 1) for one in os.getloadavg()],
     }
     RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
