@@ -193,7 +193,11 @@ def nearly_still(images: Images, state: np.ndarray, instruction: str | None) -> 
     return 1e-7 * reach(images, state, instruction)
 
 
+DRAWS = np.random.default_rng()
+"""What draws the answers of `trembling`."""
+
+
 def trembling(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Draw its answer, whatever it is shown, as large as the log's."""
     del images, state, instruction
-    return np.random.default_rng().normal(size=(8, 3)) * 0.6
+    return DRAWS.normal(size=(8, 3)) * 0.6

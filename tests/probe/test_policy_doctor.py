@@ -190,8 +190,9 @@ def test_a_channel_that_it_declares_not_to_read_is_not_amiss(bank: FrameBank) ->
         examine_policy("python:arms:front", bank)
 
 
-def test_noise_is_not_taken_for_variation(bank: FrameBank) -> None:
+def test_noise_is_not_taken_for_variation(bank: FrameBank, monkeypatch: pytest.MonkeyPatch) -> None:
     """As large as the log's, and at one moment as large as between moments: nobody can say whether it is constant."""
+    monkeypatch.setattr("arms.DRAWS", np.random.default_rng(1))
     said = {finding.name: finding for finding in examine_policy("python:arms:trembling", bank).findings}
     assert said["constant"].fine is None
     assert "noise hides whether it is constant" in said["constant"].says
