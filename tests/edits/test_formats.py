@@ -275,3 +275,45 @@ def test_options_that_a_form_does_not_take_are_refused(tmp_path: Path) -> None:
     words = ("--table", str(tmp_path / "rows.csv"), "--lane", "3", "--eye", "1.5")
     assert "row 2: '000001.png' is not annotated in" in str(edit("kitti", photos, objects, out, *words).exception)
     assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["coco", "nuscenes"])
+def test_pictures_of_another_size_than_the_annotated_ones_are_refused(name: str, tmp_path: Path) -> None:
+    """Boxes of whole pictures would cut the wrong thing out of smaller ones."""
+    photos, objects = WRITERS[name](tmp_path, DRAWN[:2])
+    if name == "coco":
+        whole = json.loads(objects.read_text())
+        whole["images"][0]["height"] = drawn_roads.HEIGHT
+        objects.write_text(json.dumps(whole))
+    picture = next(photos.rglob(DRAWN[0].file))
+    with Image.open(picture) as found:
+        found.resize((drawn_roads.WIDTH // 2, drawn_roads.HEIGHT // 2)).save(picture)
+    result = edit(name, photos, objects, tmp_path / "out", "--lane", str(LANE_M), "--eye", str(EYE_M))
+    assert result.exit_code != 0
+    assert f"annotated as a picture of {drawn_roads.WIDTH}×{drawn_roads.HEIGHT} pixels" in str(result.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_thing_at_the_camera_empties_no_road(tmp_path: Path) -> None:
+    """Nearer than half a metre no box can be drawn; the photograph would say that nothing is ahead."""
+    photos, objects = nuscenes(tmp_path, DRAWN[:1])
+    boxes = json.loads((objects / "sample_annotation.json").read_text())
+    boxes[0] |= {"translation": [100.0, 52.0, 0.6], "size": [1.8, 4.0, 1.5]}
+    (objects / "sample_annotation.json").write_text(json.dumps(boxes))
+    with pytest.raises(SourceError, match=r"stands before the camera, nearer than 0\.5 m"):
+        read_format("nuscenes", photos, objects, None)
+
+
+def test_two_pictures_of_one_annotation_are_named(tmp_path: Path) -> None:
+    """Neither is left out without a word, and an instant is a whole number."""
+    for name, other in (("yolo", DRAWN[0].file.replace(".png", ".jpg")), ("mot", f"{int(DRAWN[0].file[:6])}.png")):
+        (tmp_path / name).mkdir()
+        photos, objects = WRITERS[name](tmp_path / name, DRAWN[:2])
+        with Image.open(photos / DRAWN[0].file) as found:
+            found.convert("RGB").save(photos / other)
+        with pytest.raises(SourceError, match=r"have one text file; keep one|are both of instant \d+; keep one"):
+            read_format(name, photos, objects, None)
+        (photos / other).unlink()
+    objects.write_text(f"{objects.read_text()}\n1.7,1,5,5,9,9,1,3,1\n")
+    with pytest.raises(SourceError, match=r"no picture of instant 1\.7"):
+        read_format("mot", photos, objects, None)

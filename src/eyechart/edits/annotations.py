@@ -60,7 +60,8 @@ class Photo:
 
     ``cells`` are the row's other cells. ``horizon`` and ``vanishing`` are the row and the column of
     the vanishing point, None if not given. ``beside`` are the sides whose way is free, and
-    ``clear_to_m`` how far the ground is.
+    ``clear_to_m`` how far the ground is. ``size`` is the width and the height in pixels of the
+    picture that was annotated, None if the annotation does not say.
     """
 
     file: str
@@ -71,6 +72,7 @@ class Photo:
     clear_to_m: float | None = None
     things: tuple[ObjectBox, ...] = ()
     where: str = ""
+    size: tuple[int, int] | None = None
 
     @property
     def lead(self) -> ObjectBox | None:

@@ -24,6 +24,12 @@ _Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 class _Picture(msgspec.Struct):
     id: int | str
     file_name: str
+    width: int | None = None
+    height: int | None = None
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        return None if self.width is None or self.height is None else (self.width, self.height)
 
 
 class _Runs(msgspec.Struct):
@@ -73,7 +79,7 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
             file = pictures.locate(picture.file_name, f"{where}: the file")
             if not (folder / file).is_file():
                 raise SourceError(f"{where}: there is no picture '{file}' in {folder}")
-            photos.append(Photo(file, {}, things=tuple(things[picture.id]), where=where))
+            photos.append(Photo(file, {}, things=tuple(things[picture.id]), where=where, size=picture.size))
     return Annotations(tuple(photos), ())
 
 

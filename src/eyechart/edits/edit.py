@@ -164,7 +164,12 @@ def _sizes(source: EditSource) -> dict[str, Size]:
                 require_plain(stored, one.file)
             except BankError as error:
                 raise SourceError(f"{one.where}: {error}; its boxes must be those of the picture as saved") from error
-            sizes[one.file] = size_of(stored, one.file)
+            size = sizes[one.file] = size_of(stored, one.file)
+            if one.size not in {None, size}:
+                raise SourceError(
+                    f"{one.where}: it was annotated as a picture of {'×'.join(map(str, one.size or ()))} pixels, and "
+                    f"'{one.file}' has {'×'.join(map(str, size))}; give the pictures that were annotated"
+                )
             if not one.file.lower().endswith(".png") and f"{one.file}.png" in files:
                 raise SourceError(
                     f"{one.where}: '{one.file}' and '{one.file}.png' would have pictures of one name; rename one"

@@ -24,18 +24,19 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     """Read a sequence's text file; the pictures' names are the numbers of their instants."""
     if not objects.is_file():
         raise SourceError(f"{objects} is no file; --objects is the gt.txt or det.txt of a sequence")
-    pictures = {
-        int(path.stem): path.name
-        for path in sorted(folder.iterdir())
-        if path.suffix.lower() in PICTURES and path.stem.isdecimal()
-    }
+    pictures: dict[int, str] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() in PICTURES and path.stem.isdecimal():
+            other = pictures.setdefault(int(path.stem), path.name)
+            if other != path.name:
+                faults.add(f"{folder}: '{other}' and '{path.name}' are both of instant {int(path.stem)}; keep one")
     things: dict[int, list[ObjectBox]] = defaultdict(list)
     for number, line in enumerate(text_lines(objects, None), 1):
         if line.strip():
             where = f"{objects.name}, line {number}"
             with faults.noted():
                 values = numbers_of(line.replace(",", " ").split(), where, _FIELDS, "six numbers of MOT")
-                if int(values[0]) not in pictures:
+                if not values[0].is_integer() or int(values[0]) not in pictures:
                     raise SourceError(f"{where}: there is no picture of instant {values[0]:g} in {folder}")
                 things[int(values[0])].append(_thing(values, where))
     name = folder.parent.name if folder.name in {"img1", "images"} else folder.name

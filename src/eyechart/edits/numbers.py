@@ -53,12 +53,17 @@ def pictures_of(folder: Path, texts: Path, faults: Faults) -> Iterator[tuple[str
         for path in sorted(texts.rglob("*.txt"))
         if path.is_file()
     }
+    taken: dict[str, str] = {}
     for path in sorted(folder.rglob("*")):
         if path.suffix.lower() in PICTURES and path.is_file():
             file = path.relative_to(folder)
-            found = labels.pop(file.with_suffix("").as_posix(), None)
+            name = file.with_suffix("").as_posix()
+            found = labels.pop(name, None)
             if found is not None:
+                taken[name] = file.as_posix()
                 yield file.as_posix(), found
+            elif name in taken:
+                faults.add(f"{folder}: '{taken[name]}' and '{file.as_posix()}' have one text file; keep one")
     for name, path in labels.items():
         if Path(name).name not in {"classes", "obj", "train", "val", "test"}:
             faults.add(f"{path}: there is no picture '{name}' in {folder}")

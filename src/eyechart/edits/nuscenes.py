@@ -104,7 +104,9 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
                     raise SourceError(f"sample_data {shot.token}: there is no picture '{file}' in {folder}")
                 column, row = _vanishing(mount)
                 things = tuple(_things(boxes.get(shot.sample_token, []), mount, pose, shot))
-                photos.append(Photo(file, cells, row, column, things=things, where=f"sample {shot.sample_token}"))
+                size = shot.width, shot.height
+                where = f"sample {shot.sample_token}"
+                photos.append(Photo(file, cells, row, column, things=things, where=where, size=size))
     return Annotations(tuple(photos), ("episode", "step", "scenario"))
 
 
@@ -156,6 +158,11 @@ def _things(boxes: list[_SpaceBox], mount: _Mount, pose: _EgoPose, shot: _Shot) 
         corners = (signs * (length, width, height)) @ turned(one.rotation).T + np.asarray(one.translation)
         seen = ((corners - pose.translation) @ from_world.T - mount.translation) @ from_ego.T
         if seen[:, 2].min() < _LEAST_DEPTH_M:
+            if seen[:, 2].max() > _LEAST_DEPTH_M and seen[:, 0].min() < 0 < seen[:, 0].max():
+                raise SourceError(
+                    f"sample_annotation {one.token}: it stands before the camera, nearer than {_LEAST_DEPTH_M:g} m; "
+                    "leave its sample out"
+                )
             continue
         at = seen @ lens.T
         at = at[:, :2] / at[:, 2:]
