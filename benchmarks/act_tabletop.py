@@ -32,6 +32,22 @@ EXPECTED = {
     "privileged": {"camera": ("ignores_camera",), "state": ("state_shortcut",)},
 }
 
+SMALL: dict[str, Any] = {
+    "chunk_size": HORIZON,
+    "n_action_steps": HORIZON,
+    "pretrained_backbone_weights": None,
+    "dim_model": 64,
+    "n_heads": 4,
+    "dim_feedforward": 128,
+    "n_encoder_layers": 1,
+    "n_decoder_layers": 1,
+    "n_vae_encoder_layers": 1,
+    "latent_dim": 8,
+    "dropout": 0.0,
+    "use_vae": False,
+}
+"""The size of an ACT that learns on two processors in minutes."""
+
 
 def moments(kind: str) -> dict[str, np.ndarray]:
     """Return the training data: pictures, states with the named block, and motions, of episodes that no bank holds."""
@@ -93,18 +109,7 @@ def policy_of(states: int) -> Any:  # noqa: ANN401 - of LeRobot
 
     config = ACTConfig(
         **features(states),
-        chunk_size=HORIZON,
-        n_action_steps=HORIZON,
-        pretrained_backbone_weights=None,
-        dim_model=64,
-        n_heads=4,
-        dim_feedforward=128,
-        n_encoder_layers=1,
-        n_decoder_layers=1,
-        n_vae_encoder_layers=1,
-        latent_dim=8,
-        dropout=0.0,
-        use_vae=False,
+        **SMALL,
     )
     made = ACTPolicy(config)
     made.model.backbone = Small()

@@ -84,18 +84,7 @@ def config_of(kind: str) -> Any:  # noqa: ANN401 - of LeRobot
     del features["input_features"]["observation.images.wrist"]
     return ACTConfig(
         **features,
-        chunk_size=HORIZON,
-        n_action_steps=HORIZON,
-        pretrained_backbone_weights=None,
-        dim_model=64,
-        n_heads=4,
-        dim_feedforward=128,
-        n_encoder_layers=1,
-        n_decoder_layers=1,
-        n_vae_encoder_layers=1,
-        latent_dim=8,
-        dropout=0.0,
-        use_vae=False,
+        **act_tabletop.SMALL,
     )
 
 

@@ -14,11 +14,11 @@ from eyechart.calls import CallKey, Reply
 from eyechart.conditions import OF_BANKS, STEPPED, find_condition, show
 from eyechart.corruptions import CORRUPTIONS, STEPS, step_of
 from eyechart.errors import BankError, SpecError
-from eyechart.frames import MAIN, RGB, FrameBank, decode, encode
+from eyechart.frames import MAIN, RGB, FrameBank, decode
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_manifest
 from eyechart.spaces.failures import says_cannot_see
-from eyechart.studies.battery.series import CLEAN, SERIES, StepEffect, pictures_at, read_series, results, unseeing
+from eyechart.studies.battery.series import CLEAN, SERIES, StepEffect, read_series, results, unseeing
 
 SERIES_OF = tuple(CORRUPTIONS)
 
@@ -240,10 +240,3 @@ def test_a_result_waits_for_its_last_step() -> None:
     assert results(low)[0].words == "not shown in the mildest rain"
     assert read_series("all") == SERIES_OF
     assert read_series("rain, fog,rain") == ("rain", "fog")
-
-
-def test_pictures_are_the_encoded_pixels(bank: FrameBank) -> None:
-    """What is sent decodes to what was drawn, without a second loss."""
-    seen = show("jpeg_5", bank.frames[0], bank, 0).images[MAIN]
-    assert encode(decode(seen, "jpeg_5")) == seen
-    assert pictures_at.__doc__

@@ -1,6 +1,5 @@
 """Episodes on a Ray cluster of two local nodes: the same records as in one process."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from eyechart.errors import SpecError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.studies.closed_loop import score
+from ray_cluster import two_nodes
 
 pytestmark = pytest.mark.models
 
@@ -22,22 +22,9 @@ LOOK = "python:tiny_worlds:look"
 
 @pytest.fixture(scope="module")
 def _cluster() -> Iterator[None]:
-    """Start two nodes of one processor each on this machine, and name them as a user does."""
-    import ray  # noqa: PLC0415 - an extra
-    from ray.cluster_utils import Cluster  # noqa: PLC0415
-
-    with pytest.MonkeyPatch.context() as patch:
-        here = (str(Path(tiny_worlds.__file__).parent), os.environ.get("PYTHONPATH", ""))
-        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, here)))
-        patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-        cluster.add_node(num_cpus=1)
-        cluster.wait_for_nodes()
-        patch.setenv("RAY_ADDRESS", cluster.address)
+    """Have a cluster as a user has one."""
+    with two_nodes():
         yield
-        ray.shutdown()
-        cluster.shutdown()
 
 
 def drive(out: Path, engine: str, *specs: str, simulator: str, **asked: object) -> dict[str, Episode]:

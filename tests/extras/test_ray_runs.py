@@ -1,6 +1,5 @@
 """Batteries, policies and calibration on a Ray cluster of two local nodes: the same rows as on this machine."""
 
-import os
 import signal
 import sqlite3
 import subprocess
@@ -22,31 +21,19 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
+from ray_cluster import two_nodes
 
 pytestmark = pytest.mark.models
 
 GUEST, ACT = "python:guests_of_ray:answer", "python:guests_of_ray:act"
 NAMED = ["swap 0.2, 12"]
-HERE = Path(guests_of_ray.__file__).parent
 
 
 @pytest.fixture(scope="module")
 def _cluster() -> Iterator[None]:
-    """Start two nodes of one processor each on this machine, and name them as a user does."""
-    import ray  # noqa: PLC0415 - an extra
-    from ray.cluster_utils import Cluster  # noqa: PLC0415
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(HERE), os.environ.get("PYTHONPATH", "")))))
-        patch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-        cluster.add_node(num_cpus=1)
-        cluster.wait_for_nodes()
-        patch.setenv("RAY_ADDRESS", cluster.address)
+    """Have a cluster as a user has one."""
+    with two_nodes():
         yield
-        ray.shutdown()
-        cluster.shutdown()
 
 
 def rows(run: Path) -> list[tuple[object, ...]]:
@@ -76,12 +63,10 @@ def test_two_workers_give_the_rows_and_the_verdict_of_one_process(tmp_path: Path
 
 
 @pytest.mark.usefixtures("_cluster")
-def test_a_worker_that_dies_costs_what_it_had_under_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_dies_costs_what_it_had_under_way(tmp_path: Path) -> None:
     """Its calls are failed attempts, and are made again on a new one; no finished call is asked twice."""
     bank = banks.build_bank(tmp_path / "bank")
     deadly = "python:guests_of_ray:dies_once"
-    monkeypatch.setenv("GUESTS_OF_RAY", str(tmp_path / "died"))
-    (tmp_path / "grave").write_text(str(tmp_path / "died"), encoding="utf-8")
     guests_of_ray.GRAVE.write_text(str(tmp_path / "died"), encoding="utf-8")
     try:
         api.run_battery(bank, deadly, tmp_path / "run", engine="ray", workers=2, conditions=["real", "blank"])
@@ -112,7 +97,7 @@ def test_a_coordinator_that_is_killed_loses_no_finished_call(tmp_path: Path) -> 
     run.wait()
     before = finished(ledger)
     assert 20 <= len(before) < 8 * len(bank)
-    assert wait_for_no(b"slow", 10.0) == []
+    assert actors_after(10.0) == []
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     with Ledger(ledger) as opened:
@@ -127,7 +112,7 @@ def finished(ledger: Path) -> set[object]:
         return set(opened.finished())
 
 
-def wait_for_no(word: bytes, seconds: float) -> list[int]:
+def actors_after(seconds: float) -> list[int]:
     """Return the processes of actors of ours that still live after so many seconds; it waits no longer than needed."""
     deadline = time.monotonic() + seconds
     while True:
@@ -139,7 +124,6 @@ def wait_for_no(word: bytes, seconds: float) -> list[int]:
             except OSError:
                 continue
         if not left or time.monotonic() > deadline:
-            assert word
             return left
         time.sleep(0.1)
 
