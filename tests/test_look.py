@@ -150,7 +150,9 @@ def test_drawn_pictures_are_asked_once_and_the_mode_is_kept(small: Path, here: P
         words = ("openai:m", "--base-url", server.base_url, "--frames", small)
         look(*words)
         colours = sum("RED, GREEN" in str(one["messages"]) for one in server.asked)
-        assert 6 <= colours <= 14  # six pictures, one again without, some again at once and at the bank's size
+        # Six pictures, one again without, some again at once and at the bank's size; where replies are slow by chance,
+        # some more, to tell a cache. Asked twice, the six alone would make it twenty.
+        assert 6 <= colours <= 18
         before = server.requests
         look(*words)
         assert server.requests == before
