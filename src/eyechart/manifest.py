@@ -232,7 +232,6 @@ class RunManifest(Manifest):
     ``auto``, those that each model's answers need, in later stages; or all, among ``conditions``.
     ``controls_seed`` is the seed of the bank's controls, or None. ``answers`` is the number of
     answers per question from a sampling policy. ``encoding`` says how pictures are sent.
-    ``series`` are corruptions whose steps follow in later stages.
     ``series`` are corruptions whose steps are asked in later stages.
     """
 
