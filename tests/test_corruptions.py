@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import banks
 from eyechart import api, cli
@@ -17,6 +18,7 @@ from eyechart.conditions import OF_BANKS, STEPPED, find_condition, show
 from eyechart.corruptions import CORRUPTIONS, STEPS, step_of
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import MAIN, RGB, FrameBank, decode
+from eyechart.importing import Choices, import_table
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_manifest
 from eyechart.spaces.failures import says_cannot_see
@@ -270,3 +272,18 @@ def test_a_reader_that_declines_most_frames_of_a_step_does_not_see_to_it(bank: F
     assert found.lost is not None
     assert found.lost.n == said.score.models["python:it"].statistics[CLEAN].n
     assert found.lost.unseeing > found.lost.replies / 2
+
+
+def test_pictures_too_small_for_a_corruption_are_refused_before_the_first_call(tmp_path: Path) -> None:
+    """By a series and by a step's name; the other conditions of such a bank are asked."""
+    lines = ["file,episode"]
+    for number in range(6):
+        Image.fromarray(np.full((4, 40, 3), 30 * number, np.uint8)).save(tmp_path / f"{number}.png")
+        lines.append(f"{number}.png,{number}")
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    small = import_table(tmp_path, tmp_path / "t.csv", tmp_path / "bank", Choices())
+    for how in ({"series": "fog"}, {"conditions": ("real", "blank", "dirt_2")}):
+        with pytest.raises(BankError, match="has 40x4 pixels, and a corruption needs 8 on the shorter side"):
+            api.run_battery(small, {"it": sees}, tmp_path / "run", **how)  # type: ignore[arg-type]
+        assert not (tmp_path / "run").exists()
+    api.run_battery(small, {"it": sees}, tmp_path / "run", conditions=("real", "blank"))

@@ -24,6 +24,7 @@ from eyechart.conditions import (
     of_bank,
     of_one_instant,
     require_camera,
+    require_corruptible,
     require_partners,
     show,
 )
@@ -60,7 +61,7 @@ from eyechart.studies.battery.early_stop import NEEDED, EarlyStop, layout_for, t
 from eyechart.studies.battery.early_stop import Progress as HowFar
 from eyechart.studies.battery.evidence import NEAR_FAR
 from eyechart.studies.battery.requests import require_requests
-from eyechart.studies.battery.series import OTHERS
+from eyechart.studies.battery.series import OTHERS, every_step
 from eyechart.studies.battery.stages import AdaptiveStages, ControlProgress, staged, stages_of, widest
 from eyechart.verdicts import GUARANTEE, VALIDITY
 
@@ -388,6 +389,7 @@ def planned(
         series=extent.series,
     )
     _require_series(manifest.series, chosen)
+    require_corruptible((*chosen, *every_step(manifest.series)), bank)
     manifest = manifest if out is None else resume_manifest(out, manifest, bank)
     bank = asked_of(bank, formulation, manifest.reader)
     the_plan = plan_of(manifest, bank, models=tuple(who), conditions=chosen, limit=extent.limit)
