@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.stats import binom, multinomial
 from typer.testing import CliRunner
 
@@ -368,3 +369,26 @@ def test_an_unknown_word_is_refused_with_those_that_there_are(tmp_path: Path) ->
     said = CliRunner().invoke(app, ["frames", "declare", str(root), "--made", "stagd"])
     assert "--made takes rendered, staged, edited, not 'stagd'; did you mean 'staged'?" in str(said.exception)
     assert open_bank(root).manifest.provenance == ""
+
+
+@pytest.mark.parametrize("made", ["", "staged", "rendered"])
+def test_pictures_of_an_edit_are_edited_by_whatever_table_they_come(tmp_path: Path, made: Provenance) -> None:
+    """A table elsewhere leaves the record behind; only the photographs themselves are imported without it."""
+    edited = tmp_path / "all" / "edited"
+    for name in ("taken", "lead_near", "lead_far"):
+        (edited / name).mkdir(parents=True)
+        for number in range(3):
+            pixels = np.full((12, 16, 3), 20 * number + len(name), np.uint8)
+            Image.fromarray(pixels).save(edited / name / f"{number}.png")
+    record(edited, pictures={"lead_near": 3, "lead_far": 3})
+    moved = tmp_path / "moved.csv"
+    for folder, below in ((edited, ""), (tmp_path / "all", "edited/")):
+        cells = ("taken", "lead_near", "lead_far")
+        rows = [",".join(f"{below}{name}/{number}.png" for name in cells) for number in range(3)]
+        moved.write_text("\n".join(["file,lead_near,lead_far", *rows]))
+        with pytest.raises(SourceError, match="'.*lead_near/0.png' was made by an edit, as .*edit.json says"):
+            import_table(folder, moved, tmp_path / "bank", Choices(made=made))
+        assert not (tmp_path / "bank").exists()
+    assert import_table(edited.parent, moved, tmp_path / "bank", Choices(made="edited")).manifest.made == "edited"
+    moved.write_text("\n".join(["file", *(f"taken/{number}.png" for number in range(3))]))
+    assert import_table(edited, moved, tmp_path / "plain", Choices()).manifest.made == ""
