@@ -16,7 +16,7 @@ import banks
 import by_hand as hand
 from drawn import by_hand
 from eyechart.cli.app import app
-from eyechart.errors import BankError, SourceError, SpecError
+from eyechart.errors import BankError, LedgerError, SourceError, SpecError
 from eyechart.frames import Provenance, check, declare, encode, open_bank
 from eyechart.gate import Gate, hold
 from eyechart.importing import Choices, import_table
@@ -371,6 +371,24 @@ def test_an_unknown_word_is_refused_with_those_that_there_are(tmp_path: Path) ->
     assert open_bank(root).manifest.provenance == ""
 
 
+def test_a_run_and_its_bank_that_say_different_things_go_no_further(tmp_path: Path) -> None:
+    """A corrected bank leaves its runs behind: the command says so, and a resumed run asks which holds."""
+    root, run = imported(tmp_path, made="staged"), tmp_path / "run"
+    words = ["run", "battery", "--model", "scripted:constant", "--frames", str(root), "--out", str(run)]
+    words += ["--conditions", "real,blank"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    said = CliRunner().invoke(app, ["frames", "declare", str(root), "--made", "edited"])
+    assert "keep what it said before: name their folders too" in said.stderr
+    assert open_bank(run / "bank").manifest.made == "staged"
+    again = CliRunner().invoke(app, words)
+    assert isinstance(again.exception, LedgerError)
+    assert f"are edited by {root}, and staged by the run in {run}: say which with" in str(again.exception)
+    assert open_bank(run / "bank").manifest.made == "staged"
+    said = CliRunner().invoke(app, ["frames", "declare", str(root), str(run), "--made", "edited"])
+    assert "name their folders too" not in said.stderr
+    assert CliRunner().invoke(app, words).exit_code == 0
+
+
 @pytest.mark.parametrize("made", ["", "staged", "rendered"])
 def test_pictures_of_an_edit_are_edited_by_whatever_table_they_come(tmp_path: Path, made: Provenance) -> None:
     """A table elsewhere leaves the record behind; only the photographs themselves are imported without it."""
@@ -386,7 +404,7 @@ def test_pictures_of_an_edit_are_edited_by_whatever_table_they_come(tmp_path: Pa
         cells = ("taken", "lead_near", "lead_far")
         rows = [",".join(f"{below}{name}/{number}.png" for name in cells) for number in range(3)]
         moved.write_text("\n".join(["file,lead_near,lead_far", *rows]))
-        with pytest.raises(SourceError, match="'.*lead_near/0.png' was made by an edit, as .*edit.json says"):
+        with pytest.raises(SourceError, match=r"'.*lead_near/0.png' was made by an edit, as .*edit.json says"):
             import_table(folder, moved, tmp_path / "bank", Choices(made=made))
         assert not (tmp_path / "bank").exists()
     assert import_table(edited.parent, moved, tmp_path / "bank", Choices(made="edited")).manifest.made == "edited"
