@@ -25,6 +25,7 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.exact_difference import exact_bounds
 from eyechart.stats.paired_tests import ChangedPairs
 from eyechart.stats.statistic import Statistic, not_available
+from eyechart.studies.battery import merge
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.depth import NAMES
@@ -387,6 +388,24 @@ def test_a_run_and_its_bank_that_say_different_things_go_no_further(tmp_path: Pa
     said = CliRunner().invoke(app, ["frames", "declare", str(root), str(run), "--made", "edited"])
     assert "name their folders too" not in said.stderr
     assert CliRunner().invoke(app, words).exit_code == 0
+
+
+def test_shards_that_say_different_things_are_no_one_run(tmp_path: Path) -> None:
+    """The merged run has what one of them says, whichever comes first, and no word for another."""
+    root = imported(tmp_path)
+    shards = [tmp_path / "one", tmp_path / "two"]
+    for number, shard in enumerate(shards, 1):
+        words = ["run", "battery", "--model", "scripted:constant", "--frames", str(root), "--out", str(shard)]
+        words += ["--conditions", "real,blank", "--shard", f"{number}/2"]
+        assert CliRunner().invoke(app, words).exit_code == 0
+    declare(shards[1] / "bank", "edited")
+    merge(shards, tmp_path / "merged")
+    assert open_bank(tmp_path / "merged" / "bank").manifest.made == "edited"
+    declare(shards[0] / "bank", "staged")
+    for order in (shards, shards[::-1]):
+        with pytest.raises(LedgerError, match="say which with 'eyechart frames declare'"):
+            merge(order, tmp_path / "other")
+        assert not (tmp_path / "other").exists()
 
 
 @pytest.mark.parametrize("made", ["", "staged", "rendered"])

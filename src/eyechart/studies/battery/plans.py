@@ -628,7 +628,14 @@ def _whole(shards: Sequence[Path]) -> tuple[RunManifest, FrameBank]:
     manifests, bank = [manifest for manifest, _ in read], read[0][1]
     whole = replace(manifests[0], shard=None)
     for shard, (manifest, its_bank) in zip(shards, read, strict=True):
-        if its_bank.manifest.images != bank.manifest.images and manifest.fingerprint == whole.fingerprint:
+        made, own = (one.manifest.made for one in (bank, its_bank))
+        if made and own and made != own:
+            raise LedgerError(
+                f"the control pictures are {own} by the run in {shard}, and {made} by that in {shards[0]}: say which "
+                "with 'eyechart frames declare' and all of these folders"
+            )
+        bank = bank if made else its_bank
+        if its_bank.manifest.images != read[0][1].manifest.images and manifest.fingerprint == whole.fingerprint:
             raise LedgerError(f"{shard} is no part of the run in {shards[0]}: it was run on other pictures")
         with raising(LedgerError, f"{shard} is no part of the run in {shards[0]}", of=LedgerError):
             whole = whole.extended(replace(manifest, shard=None))
