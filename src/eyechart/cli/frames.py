@@ -280,6 +280,7 @@ def declare(
     """Declare how a bank's control pictures were made, in place.
 
     A gate asks for it. No picture, fingerprint or answer changes, so runs on the bank stay valid.
+    Each run keeps what its bank said when it was made: name the runs too.
     """
     from eyechart.frames import declare as declared
     from eyechart.manifest import BANK, is_run
@@ -290,6 +291,8 @@ def declare(
     for folder in folders:
         before = declared(folder / BANK if is_run(folder) else folder, word)
         say(f"{folder}: its control pictures are {word}; before: {before or 'not said'}")
+    if not any(map(is_run, folders)):
+        say("runs that were made on it keep what it said before: name their folders too")
 
 
 @app.command(epilog="Example: eyechart frames check bank")
