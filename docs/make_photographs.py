@@ -13,6 +13,8 @@ import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
+from itertools import chain
 from pathlib import Path
 
 import mujoco
@@ -53,8 +55,10 @@ def tinted(colour: Sequence[float], *layers: np.ndarray) -> Texture:
     return np.asarray(colour, np.float64) + sum(layers)[..., None]
 
 
-def road(rng: np.random.Generator) -> Texture:
+@cache
+def road() -> Texture:
     """Return 7 m by 7 m of asphalt with worn lines and the traces of wheels."""
+    rng = np.random.default_rng(7)
     side = 1024
     made = tinted((104, 102, 100), 7 * cloud(rng, side, side, 1.2), 9 * rng.standard_normal((side, side)))
     at = (np.arange(side) + 0.5) / side * 7
@@ -67,15 +71,19 @@ def road(rng: np.random.Generator) -> Texture:
     return made
 
 
-def grass(rng: np.random.Generator) -> Texture:
+@cache
+def grass() -> Texture:
     """Return grass."""
+    rng = np.random.default_rng(7)
     made = tinted((82, 98, 52), 12 * cloud(rng, 512, 512, 0.9), 12 * rng.standard_normal((512, 512)))
     made[..., 0] += 6 * cloud(rng, 512, 512, 1.2)
     return made
 
 
-def paving(rng: np.random.Generator) -> Texture:
+@cache
+def paving() -> Texture:
     """Return slabs in rows that are set off by half."""
+    rng = np.random.default_rng(7)
     made = tinted((150, 145, 138), 6 * cloud(rng, 512, 512, 1.0), 6 * rng.standard_normal((512, 512)))
     for row in range(0, 512, 64):
         made[row : row + 2] -= 45
@@ -85,8 +93,10 @@ def paving(rng: np.random.Generator) -> Texture:
     return made
 
 
-def concrete(rng: np.random.Generator) -> Texture:
+@cache
+def concrete() -> Texture:
     """Return concrete with joints and stains."""
+    rng = np.random.default_rng(7)
     made = tinted((142, 140, 134), 9 * cloud(rng, 512, 512, 1.4), 6 * rng.standard_normal((512, 512)))
     made[:3] -= 50
     made[:, :3] -= 50
@@ -215,12 +225,12 @@ class World:
             f'euler="{words[2]}" {painted}/>'
         )
 
-    def ground(self, verge: Callable[[np.random.Generator], Texture], *, over: Texture | None = None) -> None:
+    def ground(self, verge: Callable[[], Texture], *, over: Callable[[], Texture] = road) -> None:
         """Lay a road of two lanes, the own one on the right, and a verge on each side."""
         middle = 100 - self.behind % 7
-        self.cover("road", road(self.rng) if over is None else over, repeat=(1, 30))
-        self.cover("verge", verge(self.rng), repeat=(2, 100))
-        self.cover("grass", grass(self.rng), repeat=(20, 40))
+        self.cover("road", over(), repeat=(1, 30))
+        self.cover("verge", verge(), repeat=(2, 100))
+        self.cover("grass", grass(), repeat=(20, 40))
         self.put("ground", "plane", (3.5, 105, 0.1), (-1.75, middle, 0), "road")
         for x in (-7.25, 3.75):
             self.put("ground", "plane", (2, 105, 0.1), (x, middle, 0), "verge")
@@ -328,7 +338,8 @@ class World:
 {"".join(self._assets)}</asset>
 <worldbody><light type="directional" castshadow="true" pos="0 25 40" dir="{" ".join(map(str, self.sun))}"
  diffuse=".72 .72 .70" specular=".2 .2 .2"/>
-<camera name="front" pos="0 0 {EYE_M}" xyaxes="1 0 0 0 0 1" fovy="{angle}"/>{"".join(self._geoms)}</worldbody></mujoco>"""
+<camera name="front" pos="0 0 {EYE_M}" xyaxes="1 0 0 0 0 1" fovy="{angle}"/>{"".join(self._geoms)}
+</worldbody></mujoco>"""
 
 
 def street(world: World) -> None:
@@ -352,8 +363,7 @@ def avenue(world: World) -> None:
 
 def yard(world: World) -> None:
     """Make a yard of concrete between containers."""
-    made = concrete(world.rng)
-    world.ground(concrete, over=made)
+    world.ground(concrete, over=concrete)
     world.containers(5.6, 1)
     world.containers(-9.2, -1)
 
@@ -483,7 +493,7 @@ def main(folder: Path) -> None:
     rows = []
     for name in ("image_2", "label_2", "calib"):
         (folder / name).mkdir(parents=True, exist_ok=True)
-    for number, (world, cells) in enumerate((*episodes(), *odd())):
+    for number, (world, cells) in enumerate(chain(episodes(), odd())):
         name = f"{number:06d}"
         picture, shown = world.photograph()
         Image.fromarray(picture).save(folder / "image_2" / f"{name}.webp", quality=QUALITY, method=6)
@@ -492,7 +502,7 @@ def main(folder: Path) -> None:
         lens = f"{FOCAL_PX:g} 0 {WIDTH / 2:g} 0 0 {FOCAL_PX:g} {ABOVE} 0 0 0 1 0"
         (folder / "calib" / f"{name}.txt").write_text(f"P2: {lens}\n")
         rows.append({"file": f"{name}.webp", **cells})
-        print(name, *cells.values())  # noqa: T201 - it takes minutes
+        print(name, *cells.values(), flush=True)  # noqa: T201 - it takes minutes
     with (folder / "photos.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(
             file, ("file", "episode", "step", "scenario", "beside", "clear_to_m"), lineterminator="\n"
