@@ -187,7 +187,7 @@ class World:
 
     rng: np.random.Generator
     behind: float = 0.0
-    sun: tuple[float, float, float] = (0.5, 0.35, -1.0)
+    sun: tuple[float, float, float] = (0.35, 0.3, -1.0)
     wet: float = 0.0
     things: list[Thing] = field(default_factory=list)
     _files: dict[str, bytes] = field(default_factory=dict)
@@ -369,8 +369,8 @@ def yard(world: World) -> None:
 
 
 SCENES = {"street": street, "avenue": avenue, "yard": yard}
-SUNS = ((0.5, 0.35, -1.0), (0.7, 0.2, -1.0), (-0.5, 0.5, -1.0), (0.35, -0.4, -1.0))
-GAPS = (7.2, 9.2, 11.6, 14.4, 17.8)
+SUNS = ((0.3, 0.25, -1.0), (0.35, -0.3, -1.0), (-0.3, 0.3, -1.0), (0.2, -0.35, -1.0))
+GAPS = (7.2, 9.2, 11.6, 14.2, 17.0)
 EPISODES = 4
 Shown = tuple[World, dict[str, str]]
 """A world, and the cells of its row: scenario, episode, step, beside, clear_to_m."""
@@ -392,7 +392,7 @@ def episodes() -> Iterator[Shown]:
     for place, (scenario, build) in enumerate(SCENES.items()):
         for episode in range(EPISODES):
             drawn = np.random.default_rng([place, episode])
-            gaps, kinds = drawn.permutation(GAPS) * drawn.uniform(0.96, 1.04, len(GAPS)), ("Car", "Van")
+            gaps, kinds = drawn.permutation(GAPS) * drawn.uniform(0.97, 1.03, len(GAPS)), ("Car", "Van")
             if scenario == "yard":
                 kinds = ("Misc", "Car")
             kind, colour, x = kinds[episode % 2], PAINTS[drawn.integers(len(PAINTS))], drawn.uniform(-0.3, 0.3)
@@ -442,7 +442,7 @@ def _on_a_hill(car: Thing) -> World:
     """Return a world in which the road rises before the car."""
     world = World(np.random.default_rng(99))
     avenue(world)
-    steep, foot = 9.0, 7.0
+    steep, foot = 6.0, 7.0
     half = 40.0
     at = (-1.75, foot + half * math.cos(math.radians(steep)), half * math.sin(math.radians(steep)) + 0.01)
     world.put("ground", "plane", (3.5, half, 0.1), at, "road", (steep, 0, 0))
