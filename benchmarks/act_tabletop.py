@@ -159,7 +159,11 @@ def learn(
     """Train a policy and return seconds of CPU; ``given`` makes of a batch, as `shown` makes it, what goes in."""
     import torch  # noqa: PLC0415
 
-    optimiser, rng, begun = torch.optim.AdamW(policy.parameters(), 1e-3, fused=True), np.random.default_rng(0), time.process_time()
+    optimiser, rng, begun = (
+        torch.optim.AdamW(policy.parameters(), 1e-3, fused=True),
+        np.random.default_rng(0),
+        time.process_time(),
+    )
     policy.train()
     for turn in range(steps):
         for group in optimiser.param_groups:
