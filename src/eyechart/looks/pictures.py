@@ -28,7 +28,7 @@ TAKEN = 300
 """About this many frames of a data set are used: every Nth, from all episodes."""
 
 
-_LONG_WAY = "; or make the bank with 'eyechart frames import', which takes these options, and give it with --frames"
+_LONG_WAY = "; for an option that this names, make the bank with 'eyechart frames import', and give it with --frames"
 
 
 @dataclass(frozen=True)
