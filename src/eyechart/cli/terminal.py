@@ -286,8 +286,9 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
             return
         now = time.monotonic()
         rate = (done - begun[0]) / max(now - begun[1], 1e-9)
+        pace = f", {rate:.1f}/s" if rate > 0 else ""
         left = f", {(total - done) / rate:.0f} s left" if rate > 0 and done < total else ""
-        say(f"{what}: {done}/{total} {unit}, {rate:.1f}/s{left}")
+        say(f"{what}: {done}/{total} {unit}{pace}{left}")
 
     return move
 

@@ -250,8 +250,11 @@ def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, l
     if answer == "Yes":
         yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
     elif CAMERA[label].may_be_more:
-        settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
-        yield NextStep(f"to settle it: {settle.do}", plan)
+        settle = settling(scored, wanted.spec, CAMERAS)
+        if settle.is_of_the_road:
+            yield NextStep("to settle it: does its picture reach it?", asked.doctor())
+        else:
+            yield NextStep(f"to settle it: {settle.do}", f"eyechart plan {shlex.quote(str(asked.bank))}")
     else:
         yield NextStep("see whether its pictures reach it", asked.doctor())
     yield NextStep("what it does with its state and its instruction", f"eyechart verdict {run}")
