@@ -286,8 +286,9 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
             return
         now = time.monotonic()
         rate = (done - begun[0]) / max(now - begun[1], 1e-9)
+        pace = f", {rate:.1f}/s" if rate > 0 else ""
         left = f", {(total - done) / rate:.0f} s left" if rate > 0 and done < total else ""
-        say(f"{what}: {done}/{total} {unit}, {rate:.1f}/s{left}")
+        say(f"{what}: {done}/{total} {unit}{pace}{left}")
 
     return move
 
@@ -308,7 +309,21 @@ def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *
             shown.plain = _plain(short(one.plain))  # keeps the length, so that styles stay in place
             console.print(shown, markup=False)
         else:
-            console.print(_harmless(short(one)), markup=False)
+            for line in _harmless(short(one)).split("\n"):
+                _print_indented(console, line)
+
+
+def _print_indented(console: "Console", line: str) -> None:
+    """Print a line; what it takes more than the width goes on below, two columns farther in."""
+    from rich.text import Text
+
+    if Text(line).cell_len <= console.width:
+        console.print(line, markup=False)
+        return
+    words = line.lstrip(" ")
+    indent = " " * min(len(line) - len(words), console.width // 2)
+    for place, part in enumerate(Text(words).wrap(console, max(1, console.width - len(indent) - 2))):
+        console.print(f"{indent}{'  ' if place else ''}{part.plain.rstrip()}", markup=False)
 
 
 def table_console(width: int | None = None) -> "Console":

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from eyechart.errors import SourceError, SpecError, finite_number, raising
 from eyechart.event_loops import Progress
-from eyechart.formats import FORMATS
+from eyechart.formats import FORMATS, format_of_data_set
 from eyechart.importing.bank import Choices
-from eyechart.importing.lerobot import Horizon, read_dataset
+from eyechart.importing.lerobot import Horizon
 from eyechart.importing.photographs import Convert
 from eyechart.records import parse_json
 from eyechart.simulators import open_bank_simulator
@@ -28,16 +28,18 @@ TAKEN = 300
 """About this many frames of a data set are used: every Nth, from all episodes."""
 
 
-_LONG_WAY = "; for an option that this names, make the bank with 'eyechart frames import', and give it with --frames"
+LONG_WAY = "; for an option that this names, make the bank with 'eyechart frames import', and give it with --frames"
+"""The end of an error of a data set that needs options of its import."""
 
 
 @dataclass(frozen=True)
 class Pictures:
     """The source of a look's frames; without one, eyechart draws a bank.
 
-    ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a LeRobotDataset. For
-    the last two, ``columns`` maps places to columns, and a distance below ``threshold`` in ``unit``
-    is near. Raises SpecError if these contradict each other.
+    ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a
+    LeRobotDataset or demonstrations in HDF5. For the last two, ``columns`` maps places to columns,
+    and a distance below ``threshold`` in ``unit`` is near. Raises SpecError if these contradict
+    each other.
     """
 
     frames: Path | None = None
@@ -91,13 +93,11 @@ class Pictures:
         if self.photos is not None and self.table is not None:
             FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
         elif self.dataset is not None:
-            frames = sum(
-                length or 0 for length in read_dataset(self.dataset, None, every=True).episodes.lengths.values()
-            )
-            ahead, every = None if steps is None else Horizon(steps, rotations=None), max(1, frames // TAKEN)
-            own = replace(choices, every=every, history=history, convert=None)
-            with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
-                FORMATS["lerobot"].importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
+            form, ahead = format_of_data_set(self.dataset), None if steps is None else Horizon(steps, rotations=None)
+            with raising(SourceError, f"{self.dataset}", LONG_WAY, of=SourceError):
+                every = max(1, form.length(self.dataset) // TAKEN)
+                own = replace(choices, every=every, history=history, convert=None)
+                form.importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
         elif steps is None:
             open_bank_simulator(WORLD).build(place, seeds=SEEDS, steps=STEPS, progress=move)
         else:

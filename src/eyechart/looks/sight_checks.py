@@ -91,13 +91,18 @@ class SightChecks:
         return pinned
 
 
+def doctor_command(wanted: LookRequest) -> str:
+    """Return the command that shows a served model the drawn pictures and prints each result."""
+    address = ("--base-url", wanted.mode.base_url) if wanted.mode.base_url else ()
+    return shlex.join(["eyechart", "doctor", wanted.spec, *address])
+
+
 def unseen(wanted: LookRequest, found: SightFailure) -> Look:
     """Return the answer about a model that is not asked, with its likely causes."""
     said = "; ".join(found.causes)
     because = f"No call about the frames was made, because it was not shown to see: {found.because}."
-    address = ("--base-url", wanted.mode.base_url) if wanted.mode.base_url else ()
     steps = (
-        NextStep("see each question and its reply", shlex.join(["eyechart", "doctor", wanted.spec, *address])),
+        NextStep("see each question and its reply", doctor_command(wanted)),
         NextStep("look again after the repair", wanted.command()),
     )
     causes = (f"Likely cause: {said}.",) if said else ()

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from eyechart.stats.evalues import EValue
+from eyechart.stats.paired_tests import Places
 from eyechart.stats.statistic import Statistic
 
 
@@ -48,8 +49,10 @@ def figures(one: Statistic) -> str:
 
 
 def number(statistic: Statistic) -> str:
-    """Return the value of a statistic as text; a dash where it is None."""
-    return "—" if statistic.value is None else f"{statistic.value:.3f}"
+    """Return the value of a statistic as text, a count of places whole; a dash where it is None."""
+    if isinstance(statistic, Places) and statistic.value is not None:
+        return f"{statistic.value:.0f}"
+    return "—" if statistic.value is None else f"{round(statistic.value, 3) + 0.0:.3f}"  # no negative zero
 
 
 def and_p(statistic: Statistic) -> str:
