@@ -12,7 +12,20 @@ import numpy as np
 from eyechart.conditions import show
 from eyechart.episodes.records import Episode, EpisodeKey, Step
 from eyechart.errors import SpecError
-from eyechart.frames import MAIN, RGB, Frame, Scalar, Stimulus, alone, decode, encode, rounded_truth
+from eyechart.frames import (
+    AS_STORED,
+    ENCODINGS,
+    MAIN,
+    RGB,
+    Encoding,
+    Frame,
+    Scalar,
+    Stimulus,
+    alone,
+    decode,
+    encode,
+    rounded_truth,
+)
 from eyechart.modes import without_secrets
 from eyechart.policies import Observation, Policy, open_policy
 from eyechart.records import LARGEST
@@ -224,7 +237,7 @@ class _Moment:
     key: EpisodeKey
     frames: tuple[Frame, ...] = ()
     said: tuple[str, ...] = ()
-    stores_noise: bool = False
+    encoding: Encoding = ENCODINGS[AS_STORED]
 
     @property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:

@@ -44,10 +44,14 @@ from eyechart.frames.nouns import (
 )
 from eyechart.frames.overlap import SharedFrames, same_moments, shared_frames
 from eyechart.frames.pictures import (
+    AS_STORED,
+    ENCODINGS,
     MAX_IMAGE_BYTES,
     MAX_PIXELS,
+    NEWEST,
     RGB,
     BoundedCache,
+    Encoding,
     as_png,
     beside,
     decode,
@@ -58,13 +62,14 @@ from eyechart.frames.pictures import (
     pixels_of,
     read_bounded,
     size_of,
-    stored,
 )
 from eyechart.frames.plain_pictures import made_plain, read_colour, require_plain
 
 __all__ = [
     "APART",
+    "AS_STORED",
     "DISTANCES",
+    "ENCODINGS",
     "EXCHANGE",
     "FILE_SUFFIX",
     "IMPORTED",
@@ -75,6 +80,7 @@ __all__ = [
     "MAX_IMAGE_BYTES",
     "MAX_PIXELS",
     "MOST_HISTORY",
+    "NEWEST",
     "PATCHED",
     "RGB",
     "BankManifest",
@@ -83,6 +89,7 @@ __all__ = [
     "Camera",
     "Controls",
     "Draws",
+    "Encoding",
     "Frame",
     "FrameBank",
     "Gap",
@@ -126,6 +133,5 @@ __all__ = [
     "same_moments",
     "shared_frames",
     "size_of",
-    "stored",
     "whole_folder",
 ]

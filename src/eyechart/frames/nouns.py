@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from eyechart.errors import BankError
-from eyechart.frames.pictures import as_png, read_bounded, size_of
+from eyechart.frames.pictures import AS_STORED, ENCODINGS, Encoding, as_png, read_bounded, size_of
 from eyechart.records import LARGEST, to_json_fields
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
@@ -257,8 +257,8 @@ class Source(Protocol):
         """
 
     @property
-    def stores_noise(self) -> bool:
-        """Whether noise is stored as an uncompressed PNG, since compression makes it no smaller."""
+    def encoding(self) -> Encoding:
+        """How pictures that are made of its own are written."""
 
     def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
         """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
@@ -403,8 +403,8 @@ class FrameBank:
 
     ``said`` are the prompt columns that a run's prompt states. With ``plain``, all pictures are
     read as 8-bit PNGs without metadata (`eyechart.frames.as_png`), so that no file's kind tells
-    them apart. ``stores_noise`` means that noise is stored as an uncompressed PNG. ``unchecked``
-    pictures are read without a comparison with the manifest.
+    them apart. ``encoding`` is how such pictures, and those made of others, are written.
+    ``unchecked`` pictures are read without a comparison with the manifest.
     """
 
     root: Path
@@ -412,7 +412,7 @@ class FrameBank:
     manifest: BankManifest
     said: tuple[str, ...] = ()
     plain: bool = False
-    stores_noise: bool = False
+    encoding: Encoding = ENCODINGS[AS_STORED]
     unchecked: bool = False
 
     def __repr__(self) -> str:
@@ -455,7 +455,7 @@ class FrameBank:
         A bank is checked when it is opened, and may change during a run.
         """
         picture = read_bounded(self.root, file) if self.unchecked else self._as_recorded(file)
-        return as_png(picture, file) if self.plain else picture
+        return as_png(picture, file, self.encoding.picture) if self.plain else picture
 
     def _as_recorded(self, file: str) -> bytes:
         picture = read_bounded(self.root, file)
