@@ -464,7 +464,7 @@ def partner(frame: Frame, source: Source, seed: int, condition: str) -> Frame:
         raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
     place = int(np.random.default_rng(seed).integers(others))
     if condition == "shuffled":
-        return mine[place + any(other.id == frame.id for other in mine[: place + 1])]
+        return mine[place + (place >= source.places[frame.id])]
     elsewhere = [frames for scenario, frames in source.scenarios.items() if scenario != frame.scenario]
     while place >= len(elsewhere[0]):  # a list of their frames would be long
         place -= len(elsewhere.pop(0))

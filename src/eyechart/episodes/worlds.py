@@ -244,6 +244,10 @@ class _Moment:
         others = range(len(self.pool.pictures(self.key.scenario, self.key.seed)))
         return {self.now.scenario: (*(replace(self.now, id=str(other), step=other) for other in others), self.now)}
 
+    @property
+    def places(self) -> Mapping[str, int]:
+        return {self.now.id: len(self.pool.pictures(self.key.scenario, self.key.seed))}
+
     def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
         del frame
         return (), ()  # a drive states no text of a bank

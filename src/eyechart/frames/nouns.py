@@ -247,6 +247,10 @@ class Source(Protocol):
         """The frames of each scenario, in order."""
 
     @property
+    def places(self) -> Mapping[str, int]:
+        """The place of each frame among those of its scenario, by its id."""
+
+    @property
     def said(self) -> tuple[str, ...]:
         """The prompt columns that the prompt states for a frame."""
 
@@ -481,6 +485,11 @@ class FrameBank:
         for frame in self.frames:
             grouped[frame.scenario].append(frame)
         return {name: tuple(frames) for name, frames in grouped.items()}
+
+    @cached_property
+    def places(self) -> Mapping[str, int]:
+        """Return the place of each frame among those of its scenario, by its id."""
+        return {frame.id: place for frames in self.scenarios.values() for place, frame in enumerate(frames)}
 
     def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
         """Return frames to take another text from, and the places of those with this frame's text.

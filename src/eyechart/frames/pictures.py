@@ -117,7 +117,10 @@ def read_bounded(root: Path, file: str) -> bytes:
 
 def media_type(picture: bytes) -> str:
     """Return a picture's media type by its first bytes; PNG's for an unknown one."""
-    return next((kind for sign, kind in _TYPES.items() if picture.startswith(sign)), "image/png")
+    for sign, kind in _TYPES.items():
+        if picture.startswith(sign):
+            return kind
+    return "image/png"
 
 
 def size_of(picture: bytes, name: str) -> tuple[int, int]:
