@@ -17,7 +17,16 @@ from eyechart import __version__
 from eyechart.conditions import find_condition
 from eyechart.corruptions import CORRUPTIONS
 from eyechart.errors import LedgerError, SpecError, raising, require_known, text_file, why
-from eyechart.frames import BankManifest, FrameBank, locked, open_bank, read_bank_manifest
+from eyechart.frames import (
+    AS_STORED,
+    ENCODINGS,
+    NEWEST,
+    BankManifest,
+    FrameBank,
+    locked,
+    open_bank,
+    read_bank_manifest,
+)
 from eyechart.limits import NOTHING, Limits, Usage, added
 from eyechart.models.prices import Prices
 from eyechart.models.sources import changed, is_formerly
@@ -40,14 +49,6 @@ OWN = ".own"
 """Marks a bank that was made in this folder for this run alone."""
 BESIDE = ("vetting.json", "seen.json")
 """Files that may precede a run's episodes: the worlds that an online run chose."""
-
-
-STORED, PNG, PNG_2 = ENCODINGS = ("stored", "png", "png-2")
-"""How pictures are sent: as the bank holds them, or all as 8-bit PNGs of pixels alone.
-
-Such PNGs look alike as files. The second encoding does not compress noise: that took half of a
-call's time and saved no bytes.
-"""
 
 MOST_CONDITIONS, MOST_ANSWERS = 1_000, 10_000
 """The most conditions of a run, and the most answers per question from a sampling policy."""
@@ -276,7 +277,7 @@ class RunManifest(Manifest):
     controls: str = "none"
     controls_seed: int | None = None
     answers: int = 1
-    encoding: str = STORED
+    encoding: str = AS_STORED
     series: tuple[str, ...] = ()
 
     def require_reader(self, path: Path, known: tuple[int, ...], *, reread: bool) -> None:
@@ -307,7 +308,7 @@ class RunManifest(Manifest):
             versions=versions(),
             modes=modes,
             facts={spec: dict(facts) for spec, (_, facts) in who.items() if facts},
-            encoding=PNG_2,
+            encoding=NEWEST,
             **asked,
         )
 

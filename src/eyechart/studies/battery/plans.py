@@ -31,14 +31,12 @@ from eyechart.conditions import (
 from eyechart.costs import CostEstimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError, counted, raising, suggestion
 from eyechart.event_loops import make_calls
-from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
+from eyechart.frames import AS_STORED, ENCODINGS, IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
 from eyechart.manifest import (
     CONTROLS_ASKED,
     LEDGER,
-    PNG_2,
-    STORED,
     RunManifest,
     alone_in,
     asked_of,
@@ -517,7 +515,7 @@ def plan_of(
     chosen = tuple(bank.frame(name) for name in manifest.frames)
     found = Plan(
         study=manifest.study,
-        bank=replace(bank, plain=manifest.encoding != STORED, stores_noise=manifest.encoding == PNG_2),
+        bank=replace(bank, plain=manifest.encoding != AS_STORED, encoding=ENCODINGS[manifest.encoding]),
         prompt=manifest.prompt,
         models=tuple(manifest.models if models is None else models),
         conditions=tuple(conditions or manifest.conditions),
