@@ -95,10 +95,10 @@ def _command() -> None:
         _say_what_is_missing()
         gc.set_threshold(_MADE)
         _keep_to_one_thread()
-        from eyechart.cli.app import app
+        from eyechart.cli.app import named
 
         try:
-            app(prog_name="eyechart")
+            named(sys.argv[1:])(prog_name="eyechart")
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:

@@ -570,7 +570,7 @@ def writing(out: Path, manifest: RunManifest, bank: FrameBank) -> Iterator[tuple
         manifest = resume_manifest(out, manifest, bank)
         write_run(out, manifest, bank)
         with Ledger(out / LEDGER, create=True) as ledger:
-            require_requests(ledger, manifest, plan_of(manifest, bank))
+            require_requests(ledger.path, ledger.columns(), manifest, plan_of(manifest, bank))
             yield manifest, ledger
 
 

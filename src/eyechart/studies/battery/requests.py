@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from eyechart.calls import CallKey
 from eyechart.errors import EyechartError, LedgerError, printable
 from eyechart.frames import FrameBank, is_bare
-from eyechart.ledger import Ledger
+from eyechart.ledger import Attempts
 from eyechart.manifest import BANK, RunManifest
 from eyechart.perception.view import NONE, find_view
 from eyechart.run import Plan
@@ -22,11 +24,11 @@ MOST_BYTES = 200_000_000
 """The most bytes of pictures to compare: making their digests then takes no longer than a score."""
 _OF_BANK = "pictures of the bank"
 
-RequestKeys = Mapping[str, CallKey]
-"""The digests of requests about one frame under one condition, each with its first call."""
+RequestKeys = Mapping[int, CallKey]
+"""The hashed digests of requests about one frame under one condition, each with its first call."""
 
 
-def require_requests(ledger: Ledger, manifest: RunManifest, plan: Plan) -> None:
+def require_requests(ledger: Path, attempts: Attempts, manifest: RunManifest, plan: Plan) -> None:
     """Raise LedgerError for the first call in a ledger whose request differs from the ``plan``.
 
     Requests without pictures are compared first. Up to 200 MB of pictures follow: all that leave
@@ -35,20 +37,27 @@ def require_requests(ledger: Ledger, manifest: RunManifest, plan: Plan) -> None:
     all. What cannot be known is passed over: a row without a digest, pictures that are gone or
     differ, and a view or condition that no longer exists.
     """
-    asked, held = _asked_in(ledger, plan), _RequestComparison(ledger.path.parent, manifest, plan)
+    asked, held = _asked_in(attempts, plan), _RequestComparison(ledger.parent, manifest, plan)
     for condition, frame in sorted(asked, key=lambda shown: shown[0] != "text_only"):
         with suppress(EyechartError):
             held.compare(condition, frame, asked[condition, frame])
     if held.wrong:
-        raise LedgerError(f"{ledger.path}: {_words(held.wrong)}")
+        raise LedgerError(f"{ledger}: {_words(held.wrong)}")
 
 
-def _asked_in(ledger: Ledger, plan: Plan) -> dict[tuple[str, str], dict[str, CallKey]]:
-    """Return the request digests by condition and frame; a row without a digest is left out."""
-    asked: dict[tuple[str, str], dict[str, CallKey]] = {}
-    for spec in plan.models:
-        for key, digest in ledger.requests(spec):
-            asked.setdefault((key.condition, key.frame), {}).setdefault(digest, key)
+def _asked_in(attempts: Attempts, plan: Plan) -> dict[tuple[str, str], dict[int, CallKey]]:
+    """Return the requests by condition and frame; a row without a digest is left out."""
+    asked: dict[tuple[str, str], dict[int, CallKey]] = {}
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *map(attempts.of, plan.models)])
+    rows = rows[attempts.request[rows] != 0]
+    conditions, frames = (attempts.codes[name][rows].astype(np.int64) for name in ("condition", "frame"))
+    shown, requests = conditions * len(attempts.names["frame"]) + frames, attempts.request[rows]
+    order = np.lexsort((requests, shown))
+    again = (shown[order][1:] == shown[order][:-1]) & (requests[order][1:] == requests[order][:-1])
+    first = np.sort(order[np.concatenate([np.ones(min(1, len(order)), dtype=np.bool_), ~again])])
+    for row in rows[first].tolist():
+        key = attempts.key(row)
+        asked.setdefault((key.condition, key.frame), {})[int(attempts.request[row])] = key
     return asked
 
 
@@ -113,7 +122,7 @@ class _RequestComparison:
         seen = (self._stored if exact else self._sent).show(condition, frame)
         self._bytes += sum(map(len, seen.pictures))
         key = CallKey(self.plan.study, "", self.plan.prompt.key, frame, condition)
-        wrong = asked.keys() - {self.plan.query(key, seen).sha256()}
+        wrong = asked.keys() - {hash(self.plan.query(key, seen).sha256())}
         kind = condition if self._made[condition] or self.manifest.view != NONE else _OF_BANK
         if not exact and len(wrong) < len(asked):
             self._alike.add(kind)
