@@ -268,7 +268,7 @@ def test_an_example_is_no_answer_and_a_correction_in_words_is_heard() -> None:
         ('{"speed": 5, "steer": 0.1, "unit_test": "km/h"}', True),
     ],
 )
-def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: bool) -> None:
+def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: object) -> None:
     """As one does that follows the number; of several fields a nameless unit is nobody's."""
     fields = [AnswerField("speed", "number", "speed", unit="m/s"), AnswerField("steer", "number", "steer", unit="rad")]
     found = read_fields(text, fields)
