@@ -489,8 +489,8 @@ def label(thing: Thing, world: World, shown: np.ndarray) -> str:
 
 
 def main(folder: Path) -> None:
-    """Write pictures, labels and calibrations, and the table of the photographs."""
-    rows = []
+    """Write pictures, labels and calibrations, and two tables: of the drives, and of the odd pictures."""
+    tables: dict[str, list[dict[str, str]]] = {"photos.csv": [], "odd.csv": []}
     for name in ("image_2", "label_2", "calib"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     for number, (world, cells) in enumerate(chain(episodes(), odd())):
@@ -501,14 +501,14 @@ def main(folder: Path) -> None:
         (folder / "label_2" / f"{name}.txt").write_text("".join(f"{line}\n" for line in lines))
         lens = f"{FOCAL_PX:g} 0 {WIDTH / 2:g} 0 0 {FOCAL_PX:g} {ABOVE} 0 0 0 1 0"
         (folder / "calib" / f"{name}.txt").write_text(f"P2: {lens}\n")
-        rows.append({"file": f"{name}.webp", **cells})
+        tables["odd.csv" if cells["scenario"] == "odd" else "photos.csv"].append({"file": f"{name}.webp", **cells})
         print(name, *cells.values(), flush=True)  # noqa: T201 - it takes minutes
-    with (folder / "photos.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(
-            file, ("file", "episode", "step", "scenario", "beside", "clear_to_m"), lineterminator="\n"
-        )
-        writer.writeheader()
-        writer.writerows(rows)
+    for name, rows in tables.items():
+        with (folder / name).open("w", newline="", encoding="utf-8") as file:
+            columns = ("file", "episode", "step", "scenario", "beside", "clear_to_m")
+            writer = csv.DictWriter(file, columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
 
 
 if __name__ == "__main__":
