@@ -236,7 +236,8 @@ def _no_angles(most: float, representation: Representation) -> str:
     if most <= 2 * np.pi + 0.1:
         return ""
     if representation.startswith(EULER):
-        return f"an angle has at most 2 pi radians, and one row has {most:.3g}; if in degrees, declare {representation}_deg"
+        way = f"if in degrees, declare {representation}{DEGREES}"
+        return f"an angle has at most 2 pi radians, and one row has {most:.3g}; {way}"
     degrees = "; are these degrees? Give radians" if most > 20 else ""
     return f"a rotation vector has at most 2 pi radians, and one row has {most:.3g}{degrees}"
 

@@ -35,7 +35,7 @@ the axes that turn along, as SciPy spells them. They are radians, and degrees wi
 
 REPRESENTATIONS: tuple[Representation, ...] = get_args(Representation)
 EULER, DEGREES = "euler_", "_deg"
-WIDTH: dict[Representation, int] = {one: 3 for one in REPRESENTATIONS} | {"quat_xyzw": 4, "quat_wxyz": 4, "rot6d": 6}
+WIDTH: dict[Representation, int] = dict.fromkeys(REPRESENTATIONS, 3) | {"quat_xyzw": 4, "quat_wxyz": 4, "rot6d": 6}
 MATRIX = 9
 """The numbers of a rotation as it is compared."""
 FREEDOM = 3
