@@ -36,7 +36,9 @@ def join() -> Any:  # noqa: ANN401 - the module of an extra
     owner's decision. Raises SpecError if Ray is not installed, no cluster is named, or none
     answers.
     """
-    os.environ.setdefault("RAY_NUM_REDIS_GET_RETRIES", "1")  # of 20, it asks what is no cluster for a quarter of an hour
+    os.environ.setdefault(
+        "RAY_NUM_REDIS_GET_RETRIES", "1"
+    )  # of 20, it asks what is no cluster for a quarter of an hour
     try:
         import ray  # noqa: PLC0415 - an extra
     except ImportError as error:

@@ -23,7 +23,7 @@ from eyechart.clusters import require_engine
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER
+from eyechart.manifest import LEDGER, read_manifest
 from eyechart.models import actors, open_model
 from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
@@ -67,6 +67,28 @@ def test_two_workers_give_the_rows_and_the_verdict_of_one_process(tmp_path: Path
     api.run_policies(table, ACT, tmp_path / "acts-there", engine="ray", workers=2)
     assert rows(tmp_path / "acts-there") == rows(tmp_path / "acts-here")
     assert policy.score(tmp_path / "acts-there").models[ACT].statistics["T.blank"].n == len(table)
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_the_batches_of_every_worker_are_full(tmp_path: Path) -> None:
+    """But for the last ones; the answers are those of single calls, and what it declares stands in the run."""
+    table = open_bank_simulator("tabletop").build(tmp_path / "table", seeds=(0, 1), steps=4)
+    (tmp_path / "sizes").mkdir()
+    guests_of_ray.SIZES.write_text(str(tmp_path / "sizes"), encoding="utf-8")
+    asked = {"conditions": ["real", "blank", "swapped@cameras"]}
+    batched = "python:guests_of_ray:acts"
+    try:
+        api.run_policies(table, batched, tmp_path / "there", engine="ray", workers=2, **asked)  # type: ignore[arg-type]
+    finally:
+        guests_of_ray.SIZES.unlink()
+    api.run_policies(table, ACT, tmp_path / "here", **asked)  # type: ignore[arg-type]
+    assert [row[1:] for row in rows(tmp_path / "there")] == [row[1:] for row in rows(tmp_path / "here")]
+    assert read_manifest(tmp_path / "there").facts[batched]["batch"] == "6"
+    sizes = [[*map(int, path.read_text().split())] for path in (tmp_path / "sizes").iterdir()]
+    assert len(sizes) == 2
+    assert sum(map(sum, sizes)) == 3 * len(table)
+    for many in sizes:
+        assert sum(size == 6 for size in many) >= 0.6 * len(many), sizes
 
 
 @pytest.mark.usefixtures("_cluster")

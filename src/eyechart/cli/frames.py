@@ -127,7 +127,7 @@ class SourceDescription:
         list[str] | None,
         typer.Option(
             help="With --horizon: numbers that are a rotation, as action[3:7]=quat_xyzw; also quat_wxyz, axis_angle, "
-            "rot6d (first column, then second), euler_xyz, or none."
+            "rot6d (first column, then second), euler_xyz (fixed axes; XYZ turns with them; _deg: degrees), or none."
         ),
     ] = None
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1

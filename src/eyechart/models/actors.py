@@ -1,7 +1,7 @@
 """Models held by actors on a Ray cluster: the coordinator plans and records, the actors answer."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,6 +10,7 @@ from eyechart.calls import Query, Reply
 from eyechart.clusters import actor, join, require_gpus
 from eyechart.errors import SpecError
 from eyechart.models import Model, ask, open_model
+from eyechart.models.batches import Batches
 from eyechart.modes import RequestMode
 
 OPENING_S = 600.0
@@ -52,16 +53,20 @@ class ActorPool:
 class PooledModel:
     """A model that actors hold; a query goes to the one with the fewest under way.
 
-    An actor that dies costs the calls that it had under way: they are attempts that failed, and
-    the run makes them again on a new actor. Until that one has opened the model, calls go to the
-    others. If no actor has opened it in `OPENING_S`, as where the GPUs went with a node, the model
-    counts as missing.
+    Queries of a model with a ``batch`` are collected here, and each batch goes to one actor whole.
+    The ``batch`` in its facts is that of all actors, so that a run opens enough calls. An actor
+    that dies costs the calls that it had under way: they are attempts that failed, and the run
+    makes them again on a new actor. Until that one has opened the model, calls go to the others.
+    If no actor has opened it in `OPENING_S`, as where the GPUs went with a node, the model counts
+    as missing.
     """
 
     def __init__(
         self, mode: RequestMode, answering: str, version: str, facts: Mapping[str, str], workers: ActorPool
     ) -> None:
-        self.version, self.facts = version, facts
+        batch = int(facts.get("batch", 0))
+        self.version, self.facts = version, {**facts, **({"batch": str(batch * workers.count)} if batch else {})}
+        self._batches = Batches(batch, self._replies) if batch else None
         self._mode, self._answering, self._workers = mode, answering, workers
         self._actors: list[_PooledActor] = []
 
@@ -88,23 +93,27 @@ class PooledModel:
 
     async def answer(self, query: Query) -> Reply:
         """Answer one query by an actor; an actor's death is a failure that may pass."""
+        return (await self._replies([query]))[0] if self._batches is None else await self._batches.answer(query)
+
+    async def _replies(self, queries: Sequence[Query]) -> Sequence[Reply]:
+        """Answer queries by one actor, as a batch of its model."""
         self._start()
         one = min(self._actors, key=lambda each: (not each.is_open, each.under_way))
-        one.under_way += 1
+        one.under_way += len(queries)
         ray = join()
         try:
             if not one.is_open:
                 await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(one.version)), OPENING_S)
-            reply: Reply = await one.handle.answer.remote(query)
+            replies: Sequence[Reply] = await one.handle.answer.remote(queries)
         except TimeoutError:
-            return Reply(error="missing_model", error_detail=self._unopened)
+            return [Reply(error="missing_model", error_detail=self._unopened)] * len(queries)
         except ray.exceptions.RayError as error:
             if one in self._actors:  # the first call that it fails replaces it
                 self._actors[self._actors.index(one)] = self._new()
-            return Reply(error="server_error", error_detail=f"its worker was lost: {_first(error)}")
+            return [Reply(error="server_error", error_detail=f"its worker was lost: {_first(error)}")] * len(queries)
         finally:
-            one.under_way -= 1
-        return reply
+            one.under_way -= len(queries)
+        return replies
 
     async def close(self) -> None:
         """End the actors; the next call starts new ones."""
@@ -141,7 +150,7 @@ class _PooledActor:
 
 
 class _ModelActor:
-    """A model on a node; its calls run in one event loop, so that batches fill."""
+    """A model on a node; its calls run in one event loop, so that those of a batch are one."""
 
     def __init__(self, mode: RequestMode, answering: str, version: str) -> None:
         self._mode, self._answering, self._version = mode, answering, version
@@ -159,15 +168,17 @@ class _ModelActor:
         except Exception as error:  # noqa: BLE001 - it is told where the run was started
             return f"{type(error).__name__}: {error}"
 
-    async def answer(self, query: Query) -> Reply:
-        """Answer one query."""
+    async def answer(self, queries: Sequence[Query]) -> Sequence[Reply]:
+        """Answer queries at once."""
         try:
             model = self._opened()
         except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-            return Reply(error="missing_model", error_detail=f"{type(error).__name__}: {error}")
+            failed = Reply(error="missing_model", error_detail=f"{type(error).__name__}: {error}")
+            return [failed] * len(queries)
         if model.version != self._version:
-            return Reply(error="missing_model", error_detail=f"this node has version {model.version}")
-        return await ask(model, query)
+            failed = Reply(error="missing_model", error_detail=f"this node has version {model.version}")
+            return [failed] * len(queries)
+        return await asyncio.gather(*(ask(model, query) for query in queries))
 
 
 def _first(error: BaseException) -> str:
