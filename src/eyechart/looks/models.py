@@ -169,10 +169,14 @@ UNTESTED = "whether it follows the gap was not tested"
 
 
 def _holes(verdict: Verdict) -> Iterator[str]:
-    """Yield the places where the answer does not hold, with counts."""
+    """Yield the places where the answer does not hold; those of equal counts are in one line."""
+    counts: dict[tuple[int, int], list[str]] = {}
     for hole in verdict.holes:
-        where = hole.where.replace("`", "")
-        yield f"Not {where}: it brakes harder for the nearer lead on {hole.harder} of {hole.frames} frames."
+        counts.setdefault((hole.harder, hole.frames), []).append(hole.where.replace("`", ""))
+    for (harder, frames), places in counts.items():
+        each = " in each of these, which may be the same ones" if len(places) > 1 else ""
+        where = ", ".join(places)
+        yield f"Not {where}: it brakes harder for the nearer lead on {harder} of {frames} frames{each}."
     yield from (f"Not excluded: {words}." for words in verdict.open_to)
 
 

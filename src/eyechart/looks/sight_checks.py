@@ -49,7 +49,7 @@ class SightChecks:
 
     @property
     def spent(self) -> Usage:
-        """Return what tests without a resulting mode spent: blind, or killed."""
+        """Return what earlier tests spent that gave no mode: the model was blind, or they were killed."""
         file = self.out / SPENT
         with raising(LedgerError, f"{file} does not say what was spent", of=(ValueError, RecursionError)):
             return build(Usage, parse_json(file.read_text(encoding="utf-8"))) if file.is_file() else NOTHING

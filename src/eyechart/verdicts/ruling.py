@@ -32,7 +32,7 @@ class Ruling:
         one = self.statistic
         if isinstance(one, EValue):
             settled = f"{self.decided_by} = {one.value:.4g}, at least {one.threshold:g}, after {one.n} frames"
-            so_are = f"; so are {', '.join(self.with_it)}" if self.with_it else ""
+            so_are = f"; settled too: {', '.join(self.with_it)}" if self.with_it else ""
             return f"{self.reason}: settled by {settled}{so_are}"
         return self.reason if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
 
