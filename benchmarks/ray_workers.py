@@ -81,7 +81,7 @@ def made(arm: str) -> dict[str, float]:
     mark = f"{os.getpid()}-{arm.replace(' ', '-')}"
     path = (str(Path(__file__).parent), os.environ.get("PYTHONPATH", ""))
     env = {**os.environ, MARK: mark, "PYTHONPATH": os.pathsep.join(filter(None, path)), "PYTHONDONTWRITEBYTECODE": ""}
-    env |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0"}
+    env |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0", "RAY_worker_niceness": "0"}
     words = ["run", "battery", "--model", SPEC, "--frames", str(WORK / "bank"), "--out", str(out), *ARMS[arm]]
     seen, began, now = dict[tuple[str, str], float](), time.monotonic(), dict(before)
 
