@@ -45,7 +45,7 @@ def processes(mark: str) -> dict[tuple[str, str], float]:
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             if f"{MARK}={mark}".encode() in (folder / "environ").read_bytes().split(b"\0"):
-                name, _, after = (folder / "stat").read_text().rpartition(")")
+                _, _, after = (folder / "stat").read_text().rpartition(")")
                 values = after.split()
                 if values[0] != "Z":
                     found[folder.name, values[19]] = (int(values[11]) + int(values[12])) / tick
