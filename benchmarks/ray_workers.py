@@ -10,7 +10,6 @@ much, the rows or the verdicts differ, the work was shorter than ten minutes, or
 
 import argparse
 import datetime as dt
-import hashlib
 import json
 import os
 import sqlite3
@@ -21,22 +20,17 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+from eyechart import __version__
+from eyechart.simulators import open_bank_simulator
+
 ROOT = Path(__file__).parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "ray.json"
 WORK = ROOT / "build" / "ray_workers"
 ARMS = {"one process": (), "two workers": ("--engine", "ray", "--workers", "2")}
-SPEC = "python:ray_workers:works"
-ROUNDS = 1_600_000
-"""Rounds of PBKDF2 a call: about a third of a second, without the lock of the interpreter."""
+SPEC = "python:hard_work:works"
 MOST, LEAST_S, SOON_S = 1.15, 600.0, 10.0
 MARK = "EYECHART_RAY_BENCHMARK"
 """The variable by which the processes of a measurement are known."""
-
-
-def works(prompt: str, picture: bytes | None) -> str:
-    """Answer by the picture, after a third of a second of work."""
-    digest = hashlib.pbkdf2_hmac("sha256", picture or b"", prompt.encode(), ROUNDS)
-    return ("FASTER", "IDLE", "SLOWER")[digest[0] % 3]
 
 
 def processes(mark: str) -> dict[tuple[str, str], float]:
@@ -131,10 +125,7 @@ def verdict(arm: str) -> object:
 
 def main() -> int:
     """Make both arms, or one of them; write the result when both are made."""
-    from eyechart import __version__  # noqa: PLC0415 - the workers import this module for its callable
-    from eyechart.simulators import open_bank_simulator  # noqa: PLC0415
-
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+        parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--arm", choices=ARMS, action="append", help="make this arm alone; the other is made already")
     given = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
