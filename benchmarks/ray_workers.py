@@ -125,7 +125,7 @@ def verdict(arm: str) -> object:
 
 def main() -> int:
     """Make both arms, or one of them; write the result when both are made."""
-        parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--arm", choices=ARMS, action="append", help="make this arm alone; the other is made already")
     given = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
