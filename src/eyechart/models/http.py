@@ -169,6 +169,7 @@ class Endpoint:
                 seen.error, detail = _judged(came, seen)
         except (TimeoutError, aiohttp.ClientError, OSError, ValueError) as failure:
             seen.error, detail = _failed(failure, seen, self.timeout_s)
+            _let_go(failure)
         seen.detail, seen.seconds = self.scrub(detail), time.perf_counter() - start
         return seen
 
@@ -247,6 +248,16 @@ def _failed(failure: Exception, response: Response, timeout_s: float) -> tuple[E
     if isinstance(failure, aiohttp.ClientConnectionError | aiohttp.ClientProxyConnectionError | OSError):
         return "connection", words
     return "unreadable", f"no HTTP response: {words}"
+
+
+def _let_go(failure: BaseException | None) -> None:
+    """Take the frames from a failure and its causes: they hold it and the request in a circle.
+
+    A server that is gone fails many calls a second, and the collector of circles comes late.
+    """
+    while failure is not None:
+        failure.__traceback__ = None
+        failure = failure.__cause__ or failure.__context__
 
 
 def _json_of(body: bytes | bytearray) -> object:
