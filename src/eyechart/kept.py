@@ -233,10 +233,11 @@ def _state(path: str) -> _FileState:
 def _program() -> str:
     """Return a digest of this program's files and of the libraries that its numbers rest on."""
     digest = hashlib.sha256(sys.version.encode())
-    own = Path(__file__).parent
-    for one in _files(own):
+    for one in _files(Path(__file__).parent):
         if not one.path.endswith(".pyc"):
-            digest.update(f"{os.path.relpath(one.path, own)}\0{_hashed(one.path)}\n".encode())
+            with open(one.path, "rb") as file:  # noqa: PTH123 - hundreds of them, at every command
+                content = file.read()
+            digest.update(f"{one.path.removeprefix(os.path.dirname(__file__))}\0{one.size}\n".encode() + content)  # noqa: PTH120
     for name in _LIBRARIES:
         found = find_spec(name)
         version = Path((found and found.origin) or "").with_name("version.py")

@@ -40,7 +40,7 @@ _AT_ONCE = 20_000
 _READ_AT_MOST = 100_000
 TEXTS_KEPT = 1000
 """The most distinct texts of a model that are told apart."""
-AGAIN_SHOWN = frozenset({"real", "real_repeat"})
+AGAIN_SHOWN = ("real", "real_repeat")
 """The conditions of one picture, whose replies are compared word by word."""
 
 
@@ -245,7 +245,7 @@ class _Gather:
     _texts: defaultdict[int, set[str]] = field(default_factory=lambda: defaultdict(set))
     _decisions: Codes = field(default_factory=Codes)
     _known: dict[Row, int] = field(default_factory=dict)
-    _entries: list[tuple[int, str, int]] = field(default_factory=list)
+    _entries: list[tuple[int, bool, str]] = field(default_factory=list)
 
     def add(self, several: Sequence[Row]) -> None:
         """Add rows of `EVERY_ATTEMPT`."""
@@ -254,23 +254,27 @@ class _Gather:
         codes = {name: self._coded[name].of(columns[at]) for name, at in _CODED.items()}
         for name, column in codes.items():
             put(name, column)
-        came = np.array([final is not None for final in columns[_FINAL]], dtype=np.bool_)
+        final = np.array(columns[_FINAL], dtype=np.float64)
+        came = ~np.isnan(final)
         put("came", came)
-        put("final", np.array(columns[_FINAL], dtype=np.float64) == 1)
+        put("final", final == 1)
         put("number", _small(np.array(columns[_NUMBER], dtype=np.int64)))
         put("call", _small(np.array(columns[_NUMBER + 1], dtype=np.int64)))
         put("request", np.fromiter(map(_hashed, columns[OF_KEY + 1]), np.int64, len(several)))
         self._numbers(columns)
-        entries = self._read(several)
-        decision, texts, silent = zip(*(self._entries[at] if at >= 0 else (-1, "", 0) for at in entries), strict=True)
-        put("decision", _small(np.array(decision, dtype=np.int64)))
-        put("silent", came & np.array(silent, dtype=np.bool_))
+        entries = self._read(columns, codes, came)
+        decision, silent, _ = zip(*self._entries, (-1, False, ""), strict=True)  # the last is that of no reply
+        put("decision", _small(np.array(decision)[entries]))
+        put("silent", np.array(silent)[entries])
         reasonings = columns[_AT["reasoning"]]
-        put("thought", np.array([bool(one and one.strip()) for one in reasonings], dtype=np.bool_))
-        plain = came & np.array([one is None for one in columns[_AT["error"]]], dtype=np.bool_)
-        self._keep_texts(codes["model"], plain, texts)
+        if not {"", None}.issuperset(reasonings):
+            put("thought", np.array([bool(one and one.strip()) for one in reasonings], dtype=np.bool_))
+        else:
+            put("thought", np.zeros(len(several), dtype=np.bool_))
+        plain = came & (codes["error"] == self._coded["error"].of([None])[0])
+        self._keep_texts(codes["model"][plain], entries[plain])
         self._keep_names(columns, codes["model"], plain)
-        self._keep_repeats(columns, plain)
+        self._keep_repeats(columns, plain & np.isin(codes["condition"], self._coded["condition"].of(AGAIN_SHOWN)))
         self._count += len(several)
         if len(self._known) > _READ_AT_MOST:
             self._known.clear()
@@ -292,36 +296,40 @@ class _Gather:
             else:
                 self._put(name, found)
 
-    def _read(self, several: Sequence[Row]) -> list[int]:
+    def _read(self, columns: Sequence[Row], codes: Mapping[str, Ints], came: Mask) -> Ints:
         """Return each row's entry of text, end and error, which is read once; -1 without a reply."""
-        text, end, error = (_AT[name] for name in ("text", "finish_reason", "error"))
-        known, found = self._known, list[int]()
-        for row in several:
-            if row[_FINAL] is None:
-                found.append(-1)
-                continue
-            seen = (row[text], row[end], row[error], *(row[2:OF_KEY] if self.by_frame else ()))
-            entry = known.get(seen)
-            if entry is None:
-                entry = known[seen] = len(self._entries)
-                decision, stripped = -1, row[text].strip()
-                if self.read is not None:
-                    made = self.read(CallKey(*row[:OF_KEY]), Reply(*row[_REPLY:_NUMBER]))
-                    decision = int(self._decisions.of([made])[0])
-                self._entries.append((decision, stripped, not stripped))
-            found.append(entry)
+        seen = [columns[_AT["text"]], codes["finish_reason"].tolist(), codes["error"].tolist()]
+        seen += [codes[name].tolist() for name in ("prompt", "frame", "condition", "repeat") if self.by_frame]
+        known, found = self._known, np.full(len(came), -1, dtype=np.int64)
+        for at, (one, has_reply) in enumerate(zip(zip(*seen, strict=True), came.tolist(), strict=True)):
+            if has_reply:
+                entry = known.get(one)
+                found[at] = self._entry(one, tuple(column[at] for column in columns)) if entry is None else entry
         return found
 
-    def _keep_texts(self, models: Ints, plain: Mask, texts: Sequence[str]) -> None:
-        full = [model for model, kept in self._texts.items() if len(kept) >= TEXTS_KEPT]
-        for at in np.flatnonzero(plain & ~np.isin(models, full)).tolist():
-            kept = self._texts[int(models[at])]
+    def _entry(self, seen: Row, row: Row) -> int:
+        """Read a reply that is like none before, and return its entry."""
+        decision, text = -1, row[_AT["text"]].strip()
+        if self.read is not None:
+            made = self.read(CallKey(*row[:OF_KEY]), Reply(*row[_REPLY:_NUMBER]))
+            decision = int(self._decisions.of([made])[0])
+        entry = self._known[seen] = len(self._entries)
+        self._entries.append((decision, not text, text))
+        return entry
+
+    def _keep_texts(self, models: Ints, entries: Ints) -> None:
+        """Keep a model's distinct texts, up to a number of them."""
+        for pair in np.unique(models.astype(np.int64) << 32 | entries).tolist():
+            kept = self._texts[pair >> 32]
             if len(kept) < TEXTS_KEPT:
-                kept.add(texts[at])
+                kept.add(self._entries[pair & 0xFFFFFFFF][2])
 
     def _keep_names(self, columns: Sequence[Row], models: Ints, plain: Mask) -> None:
-        older = [digest is None for digest in columns[_NAMES[3]]]
-        names = self._names.of(list(zip(*(columns[at] for at in _NAMES[:3]), older, strict=True)))
+        said = [*(columns[at] for at in _NAMES[:3]), [digest is None for digest in columns[_NAMES[3]]]]
+        if all(len(set(one)) == 1 for one in said):  # most runs name one model throughout
+            names = np.repeat(self._names.of([tuple(one[0] for one in said)]), len(plain))
+        else:
+            names = self._names.of(list(zip(*said, strict=True)))
         rows, sent_at = np.flatnonzero(plain), columns[OF_KEY + 2]
         pairs = models[rows].astype(np.int64) << 32 | names[rows]
         found, first, counts = np.unique(pairs, return_index=True, return_counts=True)
@@ -331,9 +339,8 @@ class _Gather:
             count, since, _ = self._served.get(pair, (0, sent_at[rows[first[at]]], ""))
             self._served[pair] = (count + int(counts[at]), since, sent_at[rows[last[at]]])
 
-    def _keep_repeats(self, columns: Sequence[Row], plain: Mask) -> None:
-        shown = np.array([one in AGAIN_SHOWN for one in columns[_CODED["condition"]]], dtype=np.bool_)
-        rows = np.flatnonzero(plain & shown)
+    def _keep_repeats(self, columns: Sequence[Row], shown: Mask) -> None:
+        rows = np.flatnonzero(shown)
         self._put("repeats", rows + self._count)
         for name in ("text", "reasoning"):
             column = columns[_AT[name]]
