@@ -234,7 +234,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ): "is a server that runs until it is ended: tests/test_serve_bounds.py, benchmarks/hostile_serve.py",
     ("eyechart.manifest", "_take_added"): "follows what came to a bank: tests/simulators/test_adding.py",
     ("eyechart.frames.folder", "replace_manifest"): "adds to a bank, cut off anywhere: tests/simulators/test_adding.py",
-    ("eyechart.importing.edit_record", "read_edit"): "damaged, and at odds with its pictures: tests/test_provenance.py",
+    ("eyechart.importing.edit_record", "_read"): "damaged, and at odds with its pictures: tests/test_provenance.py",
     ("eyechart.simulators.additions", "_place"): "adds to a bank, cut off anywhere: tests/simulators/test_adding.py",
     ("eyechart.simulators.additions", "_write"): "adds to a bank, cut off anywhere: tests/simulators/test_adding.py",
     ("eyechart.simulators.banks", "redraw"): "draws older banks again: tests/simulators",
