@@ -8,7 +8,7 @@ import pytest
 from eyechart.formats import FORMATS, format_of_data_set
 from eyechart.looks.answer import Look, NextStep, pasted
 from eyechart.looks.models import _may_be_blind, _sight
-from eyechart.modes import Measured, RequestMode
+from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.report.table import coded, number
 
 
@@ -23,7 +23,7 @@ class Verdict:
 def test_a_look_says_that_a_model_sees_only_where_that_was_shown(sees: bool | None) -> None:  # noqa: FBT001
     """A model that answers with actions alone has shown nothing, and a No beside it may be the road's."""
     facts = {"picture": "none of 14 replies names any of the choices"}
-    mode = RequestMode("openai:m", measured=Measured(date="2026-11-29", sees_image=sees, facts=facts))
+    mode = RequestMode("openai:m", measured=ModeMeasurements(date="2026-11-29", sees_image=sees, facts=facts))
     assert ("it sees its pictures" in _sight(mode)) is (sees is True)
     assert ("none of 14 replies" in _sight(mode)) is (sees is not True)
     assert _may_be_blind(Verdict("No"), mode) is (sees is not True)  # type: ignore[arg-type]
