@@ -48,6 +48,7 @@ Independent = Annotated[
 Reread = Annotated[
     bool, typer.Option("--reread", help="Read again the replies that another version of the reader read.")
 ]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Read the run anew, whatever was kept of an earlier reading.")]
 Steps = Annotated[
     list[str] | None,
     typer.Option("--step", metavar="SPEC=N", help="For policies: the training step of a checkpoint; repeat for more."),

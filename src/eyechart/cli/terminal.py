@@ -4,10 +4,10 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -295,22 +295,43 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
 
 def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *, names: "Iterable[str]" = ()) -> None:
     """Print tables and lines on standard output; long ``names`` are shortened, each uniquely."""
-    from rich.text import Text
+    print_read(as_read(what, width, names=names))
+
+
+def as_read(
+    what: "Iterable[Table | Text | str]", width: int | None = None, *, names: "Iterable[str]" = ()
+) -> dict[str, Any]:
+    """Return tables and lines as people read them, in plain values that `print_read` prints."""
+    from eyechart.report.table import Table
+
+    parts = [one.as_read() if isinstance(one, Table) else one if isinstance(one, str) else _spans(one) for one in what]
+    return {"width": width, "names": list(names), "parts": parts}
+
+
+def print_read(read: Mapping[str, Any]) -> None:
+    """Print what `as_read` returned on standard output."""
+    from rich.text import Span, Text
 
     from eyechart.report.short_names import shortener
     from eyechart.report.table import Table
 
-    console, short = table_console(width), shortener(names)
-    for one in what:
-        if isinstance(one, Table):
-            console.print(one.renamed(lambda text: _harmless(short(text))), markup=False)
-        elif isinstance(one, Text):
-            shown = one.copy()
-            shown.plain = _plain(short(one.plain))  # keeps the length, so that styles stay in place
-            console.print(shown, markup=False)
-        else:
+    console, short = table_console(read["width"]), shortener(read["names"])
+    for one in read["parts"]:
+        if isinstance(one, dict):
+            console.print(Table.of_read(one).renamed(lambda text: _harmless(short(text))), markup=False)
+        elif isinstance(one, str):
             for line in _harmless(short(one)).split("\n"):
                 _print_indented(console, line)
+        else:
+            text = Text(one[0], style=one[1])
+            text.spans = [Span(*span) for span in one[2]]
+            text.plain = _plain(short(one[0]))  # keeps the length, so that styles stay in place
+            console.print(text, markup=False)
+
+
+def _spans(one: "Text") -> list[Any]:
+    """Return a styled line in plain values: its words, their style, and the spans of others."""
+    return [one.plain, str(one.style), [[*span[:2], str(span.style)] for span in one.spans]]
 
 
 def _print_indented(console: "Console", line: str) -> None:

@@ -37,6 +37,7 @@ from eyechart.importing.layout import (
     EpisodeTable,
     Feature,
     Info,
+    columns_of,
     given_name,
     vectors_of,
 )
@@ -150,8 +151,7 @@ class DemonstrationTable:
                         yield {**where, **told, **{name: many[place] for name, many in cells.items()}}
 
     def _vectors(self) -> dict[str, tuple[str, ...]]:
-        alone = {name: (name,) for name, feature in self.data.features.items() if feature.size == (1,)}
-        return alone | dict(vectors_of(self.data.features))
+        return columns_of(self.data.features)
 
 
 @dataclass(frozen=True)

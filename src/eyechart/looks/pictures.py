@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from eyechart.errors import SourceError, SpecError, finite_number, raising
+from eyechart.errors import SourceError, SpecError, finite_number, plain_file, raising
 from eyechart.event_loops import Progress
 from eyechart.formats import FORMATS, format_of_data_set
 from eyechart.importing.bank import Choices
@@ -24,11 +24,17 @@ TABLE, TABLE_STEPS = "tabletop", 6
 """The drawn bank for a policy: 72 frames of 12 episodes."""
 SEEDS = (0, 1, 2)
 
+_FILES, _END_BYTES = "files", 65_536
+_CONTENT = frozenset(
+    ".png .jpg .jpeg .webp .bmp .tif .tiff .gif .parquet .mp4 .json .jsonl .csv .hdf5 .h5 .hdf".split()
+)
+"""The files whose content a record covers; a bank is made from no others."""
+
 TAKEN = 300
 """About this many frames of a data set are used: every Nth, from all episodes."""
 
 
-LONG_WAY = "; or make the bank with 'eyechart frames import', which takes these options, and give it with --frames"
+LONG_WAY = "; for an option that this names, make the bank with 'eyechart frames import', and give it with --frames"
 """The end of an error of a data set that needs options of its import."""
 
 
@@ -84,7 +90,7 @@ class Pictures:
             return place
         out.mkdir(parents=True, exist_ok=True)
         self._make(place, move, steps, history)
-        said = {"format": FORMAT, "frames": self._said(steps, history)}
+        said = {"format": FORMAT, "frames": self._said(out, steps, history)}
         (out / RECORD).write_text(json.dumps(said, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         return place
 
@@ -103,11 +109,12 @@ class Pictures:
         else:
             open_bank_simulator(TABLE).build(place, seeds=SEEDS, steps=TABLE_STEPS, progress=move)
 
-    def _said(self, steps: int | None, history: int) -> dict[str, object]:
-        """Return in plain values what the folder's bank is made from."""
+    def _said(self, out: Path, steps: int | None, history: int) -> dict[str, object]:
+        """Return in plain values what the bank in the folder ``out`` is made from."""
         table = None if self.table is None else hashlib.sha256(self.table.read_bytes()).hexdigest()
         places = {"photos": self.photos, "dataset": self.dataset}
         found: dict[str, object] = {name: str(path.resolve()) for name, path in places.items() if path is not None}
+        found |= {_FILES: _digest(path, out) for path in places.values() if path is not None}
         return {
             **(found or {"world": WORLD if steps is None else TABLE}),
             "table_sha256": table,
@@ -135,9 +142,27 @@ class Pictures:
         return frames
 
     def _require_same(self, out: Path, steps: int | None, history: int) -> None:
-        before, now = self._record(out), self._said(steps, history)
+        before, now = self._record(out), self._said(out, steps, history)
+        now = now if _FILES in before else {name: one for name, one in now.items() if name != _FILES}  # an older look
         if other := [name for name in now.keys() | before.keys() if before.get(name) != now.get(name)]:
             raise SpecError(
                 f"{out} holds a bank of other pictures ({', '.join(sorted(other))}): give the same options as "
                 "before, or another --out"
             )
+
+
+def _digest(place: Path, out: Path) -> str:
+    """Return the SHA-256 of a file's, or of a folder's files', names, sizes and ends, without those in ``out``.
+
+    The ends of a file are its first and last bytes: a data set may have gigabytes.
+    """
+    found, own = hashlib.sha256(), out.resolve()
+    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        if path.suffix.lower() in _CONTENT and path.is_file() and not path.resolve().is_relative_to(own):
+            with plain_file(path).open("rb") as file:
+                size = path.stat().st_size
+                found.update(f"{path.relative_to(place).as_posix()}\x1f{size}\x1f".encode())
+                found.update(file.read(_END_BYTES))
+                file.seek(max(0, size - _END_BYTES))
+                found.update(file.read(_END_BYTES))
+    return found.hexdigest()
