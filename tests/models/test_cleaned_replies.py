@@ -38,7 +38,9 @@ def test_a_callables_reply_is_cleaned_of_keys(*, whole: bool, monkeypatch: pytes
 def test_an_escaped_nul_is_a_sign_like_any_other(nul: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The answer is kept, and a key beside it is found; it was lost as an exception of the adapter."""
     monkeypatch.setenv("MY_API_KEY", "hunter22hunter22")
-    model = PythonCallable(lambda prompt, _image: f"{prompt} {nul} hunter22hunter%32%32", RequestMode("python:m:f"), "v", {})
+    model = PythonCallable(
+        lambda prompt, _image: f"{prompt} {nul} hunter22hunter%32%32", RequestMode("python:m:f"), "v", {}
+    )
     reply = asyncio.run(ask(model, Query("", "SLOW", Stimulus({}), 1)))
     assert (reply.error, reply.text) == (None, f"SLOW {nul} [$MY_API_KEY]")
 
