@@ -157,7 +157,9 @@ class Query:
             parts += (b"past", _pictured(one), *_stated(one))
         for turn in self.messages:
             parts += turn.digests()
-        return hashlib.sha256(b"".join([one for part in parts for one in (len(part).to_bytes(8, "big"), part)])).hexdigest()
+        return hashlib.sha256(
+            b"".join([one for part in parts for one in (len(part).to_bytes(8, "big"), part)])
+        ).hexdigest()
 
 
 def _pictured(seen: Stimulus) -> bytes:

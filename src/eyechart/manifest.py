@@ -4,6 +4,7 @@ import datetime as dt
 import json
 import os
 import platform
+import shlex
 import shutil
 import sqlite3
 from collections.abc import Container, Iterable, Iterator, Mapping
@@ -155,7 +156,7 @@ class Manifest:
             raise LedgerError(
                 f"this run asked {spec} at {mine.base_url or 'the usual address'}, but its address, key, "
                 f"headers or patience have changed ({theirs.base_url or 'the usual address'}): give the same, "
-                "or --moved to continue there and record it"
+                "another --out for another run, or 'eyechart run' with --moved to continue there and record it"
             )
         mine, theirs = mine.request(), theirs.request()
         name = next(one.name for one in fields(mine) if getattr(mine, one.name) != getattr(theirs, one.name))
@@ -233,7 +234,6 @@ class RunManifest(Manifest):
     ``auto``, those that each model's answers need, in later stages; or all, among ``conditions``.
     ``controls_seed`` is the seed of the bank's controls, or None. ``answers`` is the number of
     answers per question from a sampling policy. ``encoding`` says how pictures are sent.
-    ``series`` are corruptions whose steps follow in later stages.
     ``series`` are corruptions whose steps are asked in later stages.
     """
 
@@ -438,10 +438,19 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
 
 
 def _take_added(copy: Path, bank: FrameBank) -> None:
-    """Copy additions to a run's bank: pictures that its manifest names now, and how they were made."""
+    """Copy additions to a run's bank: pictures that its manifest names now, and how they were made.
+
+    Raises LedgerError if both say how they were made, and not the same.
+    """
     then, now = (folder / "manifest.json" for folder in (copy, bank.root))
-    before = read_bank_manifest(copy)
-    more = bank.manifest.images.keys() - before.images.keys() or bank.manifest.made not in {"", before.made}
+    before, made = read_bank_manifest(copy), bank.manifest.made
+    if made and before.made and made != before.made:
+        raise LedgerError(
+            f"the control pictures are {made} by {bank.root}, and {before.made} by the run in {copy.parent}: "
+            f"say which with 'eyechart frames declare {shlex.quote(str(bank.root))} {shlex.quote(str(copy.parent))} "
+            "--made WORD'"
+        )
+    more = bank.manifest.images.keys() - before.images.keys() or (made and not before.made)
     if more and before.fingerprint == bank.manifest.fingerprint and now.is_file():
         partial = copy / ".manifest.json"
         shutil.copyfile(now, partial)

@@ -1,15 +1,16 @@
 """Input conditions: what a query shows of a frame; the rest of the query stays the same."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
-from eyechart.corruptions import CORRUPTIONS, STEPS, Corruption, step_of
+from eyechart.corruptions import CORRUPTIONS, LEAST_SIDE, STEPS, Corruption, step_of
 from eyechart.errors import BankError, SpecError, did_you_mean, require_known
 from eyechart.frames import PATCHED, RGB, Camera, Encoding, Frame, FrameBank, Source, Stimulus, decode
 from eyechart.seeds import key_seed
@@ -608,6 +609,19 @@ def require_camera(name: str, cameras: Sequence[Camera]) -> None:
             f"condition '{name}': there is no camera '{camera}';{did_you_mean(camera, names)} there are "
             f"{', '.join(names)}"
         )
+
+
+def require_corruptible(names: Iterable[str], bank: FrameBank) -> None:
+    """Raise BankError if a condition is a step of a corruption and a picture is too small for one."""
+    if not any(corruption_of(name) for name in names):
+        return
+    for frame in bank:
+        for camera, (high, wide, _) in chain.from_iterable(bank.shapes(one).items() for one in frame.window):
+            if min(high, wide) < LEAST_SIDE:
+                raise BankError(
+                    f"'{camera}' of frame '{frame.id}' has {wide}x{high} pixels, and a corruption needs {LEAST_SIDE} "
+                    "on the shorter side: leave out --series and its steps, or import larger pictures"
+                )
 
 
 def _over(whole: Condition, camera: str) -> Condition:

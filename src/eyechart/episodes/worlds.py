@@ -270,7 +270,7 @@ class _Pool:
         self._driven = lru_cache(maxsize=None)(self._drive)
 
     def pictures(self, scenario: str, seed: int) -> Sequence[bytes]:
-        """Return the pool of a scenario without the world of this seed."""
+        """Return the pictures of a scenario's pool, but for those of the world with this seed."""
         return [picture for other in POOL_SEEDS if other != seed for picture in self._driven(scenario, other)]
 
     def _drive(self, scenario: str, seed: int) -> tuple[bytes, ...]:

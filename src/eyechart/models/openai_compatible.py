@@ -121,7 +121,7 @@ def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
 
 
 def names() -> dict[str, str]:
-    """Return what may stand after ``openai:``."""
+    """Return the kinds of names that follow ``openai:`` in a SPEC, each with its meaning."""
     return {"MODEL": "a model of OpenAI, or with --base-url of vLLM, llama.cpp, SGLang, OpenRouter, transformers serve"}
 
 
