@@ -288,7 +288,7 @@ def stored(rgb: RGB) -> bytes:
 def in_blocks(rgb: RGB) -> bytes:
     """Encode a picture as `stored` does, in whole blocks (RFC 1951): the same by every zlib, faster."""
     high, wide, _ = rgb.shape
-    rows = memoryview(_rows(rgb)).cast("B")
+    rows = _rows(rgb).data.cast("B")
     data: list[bytes | memoryview] = [_UNCOMPRESSED]
     for at in range(0, len(rows), _BLOCK):
         block = rows[at : at + _BLOCK]
