@@ -143,12 +143,12 @@ def finished(ledger: Path) -> set[object]:
 
 @pytest.mark.usefixtures("_cluster")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("command", ["run battery", "ladder", "calibrate"])
+@pytest.mark.parametrize("command", ["run battery", "run closed-loop", "calibrate"])
 def test_no_worker_of_a_cluster_outlives_its_command(command: str, how: signal.Signals, tmp_path: Path) -> None:
     """Actors that hold models, actors that hold worlds, and tasks are gone ten seconds later, however it was ended."""
     more = {
         "run battery": ("--model", "python:guests_of_ray:slow", "--frames", "BANK", "--out", "OUT", "--workers", "2"),
-        "ladder": ("--simulator", "rover", "--seeds", "40", "--processes", "2", "--out", "OUT"),
+        "run closed-loop": ("--simulator", "rover", "--policy", "oracle", "--seeds", "99", "--out", "OUT"),
         "calibrate": ("--replications", "200", "--processes", "2"),
     }
     bank = banks.build_bank(tmp_path / "bank", episodes=12)
@@ -211,7 +211,7 @@ def test_a_worker_that_no_node_has_a_place_for_hangs_no_call(monkeypatch: pytest
     reply = asyncio.run(without.answer(query))
     assert (reply.error, "no node of the cluster opened" in (reply.error_detail or "")) == ("missing_model", True)
     without.end()
-    held._actors[0] = without._new()  # noqa: SLF001 - a worker whose node is gone
+    held._actors[0] = without._new()
     before = time.monotonic()
     assert [asyncio.run(held.answer(query)).error for _ in range(4)] == [None] * 4
     assert time.monotonic() - before < 3.0

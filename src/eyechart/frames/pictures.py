@@ -316,7 +316,7 @@ def _png(wide: int, high: int, *data: bytes | memoryview) -> bytes:
     return b"".join(parts)
 
 
-class Encoding(NamedTuple):
+class PictureEncoding(NamedTuple):
     """How a run writes the pictures that it makes: those of a scene, and noise."""
 
     picture: Callable[[RGB], bytes]
@@ -324,12 +324,12 @@ class Encoding(NamedTuple):
 
 
 AS_STORED, NEWEST = "stored", "png-3"
-ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
+ENCODINGS: Mapping[str, PictureEncoding] = MappingProxyType(
     {
-        AS_STORED: Encoding(encode, encode),
-        "png": Encoding(encode, encode),
-        "png-2": Encoding(encode, stored),
-        NEWEST: Encoding(packed, in_blocks),
+        AS_STORED: PictureEncoding(encode, encode),
+        "png": PictureEncoding(encode, encode),
+        "png-2": PictureEncoding(encode, stored),
+        NEWEST: PictureEncoding(packed, in_blocks),
     }
 )
 """How a run's pictures are sent: as the bank holds them, or all as 8-bit PNGs of pixels alone.
