@@ -206,12 +206,12 @@ def test_a_worker_that_no_node_has_a_place_for_hangs_no_call(monkeypatch: pytest
     without = actors.PooledModel(RequestMode(GUEST), "", model.version, {}, actors.ActorPool(1, gpus=1.0))
     held.open()
     monkeypatch.setattr(actors, "OPENING_S", 3.0)
-    with pytest.raises(SpecError, match="no node of the cluster opened .* within 3 s: do other jobs hold its GPUs"):
+    with pytest.raises(SpecError, match=r"no node of the cluster opened .* within 3 s: do other jobs hold its GPUs"):
         without.open()
     reply = asyncio.run(without.answer(query))
     assert (reply.error, "no node of the cluster opened" in (reply.error_detail or "")) == ("missing_model", True)
     without.end()
-    held._actors[0] = without._new()
+    held._actors[0] = without._new()  # a worker whose node is gone
     before = time.monotonic()
     assert [asyncio.run(held.answer(query)).error for _ in range(4)] == [None] * 4
     assert time.monotonic() - before < 3.0
