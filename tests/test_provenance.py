@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.stats import binom, multinomial
 from typer.testing import CliRunner
 
@@ -20,7 +21,7 @@ import banks
 import by_hand as hand
 from drawn import by_hand
 from eyechart.cli.app import app
-from eyechart.errors import BankError, SourceError, SpecError
+from eyechart.errors import BankError, LedgerError, SourceError, SpecError
 from eyechart.frames import Provenance, check, declare, encode, open_bank, own_folder
 from eyechart.gate import Gate, hold
 from eyechart.importing import Choices, import_table
@@ -30,6 +31,7 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.exact_difference import exact_bounds
 from eyechart.stats.paired_tests import ChangedPairs
 from eyechart.stats.statistic import Statistic, not_available
+from eyechart.studies.battery import merge
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.depth import NAMES
@@ -472,3 +474,62 @@ def test_an_unknown_word_is_refused_with_those_that_there_are(tmp_path: Path) ->
     said = CliRunner().invoke(app, ["frames", "declare", str(root), "--made", "stagd"])
     assert "--made takes rendered, staged, edited, not 'stagd'; did you mean 'staged'?" in str(said.exception)
     assert open_bank(root).manifest.provenance == ""
+
+
+def test_a_run_and_its_bank_that_say_different_things_go_no_further(tmp_path: Path) -> None:
+    """A corrected bank leaves its runs behind: the command says so, and a resumed run asks which holds."""
+    root, run = imported(tmp_path, made="staged"), tmp_path / "run"
+    words = ["run", "battery", "--model", "scripted:constant", "--frames", str(root), "--out", str(run)]
+    words += ["--conditions", "real,blank"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    said = CliRunner().invoke(app, ["frames", "declare", str(root), "--made", "edited"])
+    assert "keep what it said before: name their folders too" in said.stderr
+    assert open_bank(run / "bank").manifest.made == "staged"
+    again = CliRunner().invoke(app, words)
+    assert isinstance(again.exception, LedgerError)
+    assert f"are edited by {root}, and staged by the run in {run}: say which with" in str(again.exception)
+    assert open_bank(run / "bank").manifest.made == "staged"
+    said = CliRunner().invoke(app, ["frames", "declare", str(root), str(run), "--made", "edited"])
+    assert "name their folders too" not in said.stderr
+    assert CliRunner().invoke(app, words).exit_code == 0
+
+
+def test_shards_that_say_different_things_are_no_one_run(tmp_path: Path) -> None:
+    """The merged run has what one of them says, whichever comes first, and no word for another."""
+    root = imported(tmp_path)
+    shards = [tmp_path / "one", tmp_path / "two"]
+    for number, shard in enumerate(shards, 1):
+        words = ["run", "battery", "--model", "scripted:constant", "--frames", str(root), "--out", str(shard)]
+        words += ["--conditions", "real,blank", "--shard", f"{number}/2"]
+        assert CliRunner().invoke(app, words).exit_code == 0
+    declare(shards[1] / "bank", "edited")
+    merge(shards, tmp_path / "merged")
+    assert open_bank(tmp_path / "merged" / "bank").manifest.made == "edited"
+    declare(shards[0] / "bank", "staged")
+    for order in (shards, shards[::-1]):
+        with pytest.raises(LedgerError, match="say which with 'eyechart frames declare'"):
+            merge(order, tmp_path / "other")
+        assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize("made", ["", "staged", "rendered"])
+def test_pictures_of_an_edit_are_edited_by_whatever_table_they_come(tmp_path: Path, made: Provenance) -> None:
+    """A table elsewhere leaves the record behind; only the photographs themselves are imported without it."""
+    edited = tmp_path / "all" / "edited"
+    for name in ("taken", "lead_near", "lead_far"):
+        (edited / name).mkdir(parents=True)
+        for number in range(3):
+            pixels = np.full((12, 16, 3), 20 * number + len(name), np.uint8)
+            Image.fromarray(pixels).save(edited / name / f"{number}.png")
+    record(edited, pictures={"lead_near": 3, "lead_far": 3})
+    moved = tmp_path / "moved.csv"
+    for folder, below in ((edited, ""), (tmp_path / "all", "edited/")):
+        cells = ("taken", "lead_near", "lead_far")
+        rows = [",".join(f"{below}{name}/{number}.png" for name in cells) for number in range(3)]
+        moved.write_text("\n".join(["file,lead_near,lead_far", *rows]))
+        with pytest.raises(SourceError, match=r"'.*lead_near/0.png' was made by an edit, as .*edit.json says"):
+            import_table(folder, moved, tmp_path / "bank", Choices(made=made))
+        assert not (tmp_path / "bank").exists()
+    assert import_table(edited.parent, moved, tmp_path / "bank", Choices(made="edited")).manifest.made == "edited"
+    moved.write_text("\n".join(["file", *(f"taken/{number}.png" for number in range(3))]))
+    assert import_table(edited, moved, tmp_path / "plain", Choices()).manifest.made == ""

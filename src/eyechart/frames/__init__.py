@@ -45,10 +45,14 @@ from eyechart.frames.nouns import (
 )
 from eyechart.frames.overlap import SharedFrames, same_moments, shared_frames
 from eyechart.frames.pictures import (
+    AS_STORED,
+    ENCODINGS,
     MAX_IMAGE_BYTES,
     MAX_PIXELS,
+    NEWEST,
     RGB,
     BoundedCache,
+    Encoding,
     as_png,
     beside,
     decode,
@@ -59,13 +63,14 @@ from eyechart.frames.pictures import (
     pixels_of,
     read_bounded,
     size_of,
-    stored,
 )
 from eyechart.frames.plain_pictures import made_plain, read_colour, require_plain
 
 __all__ = [
     "APART",
+    "AS_STORED",
     "DISTANCES",
+    "ENCODINGS",
     "EXCHANGE",
     "FILE_SUFFIX",
     "IMPORTED",
@@ -76,6 +81,7 @@ __all__ = [
     "MAX_IMAGE_BYTES",
     "MAX_PIXELS",
     "MOST_HISTORY",
+    "NEWEST",
     "PATCHED",
     "RGB",
     "BankManifest",
@@ -84,6 +90,7 @@ __all__ = [
     "Camera",
     "Controls",
     "Draws",
+    "Encoding",
     "Frame",
     "FrameBank",
     "Gap",
@@ -128,6 +135,5 @@ __all__ = [
     "same_moments",
     "shared_frames",
     "size_of",
-    "stored",
     "whole_folder",
 ]
