@@ -69,14 +69,14 @@ Finished = Mapping[tuple[str, int], Mask]
 
 
 @dataclass(frozen=True)
-class Given:
+class ModelAnswers:
     """A model's answers under every condition that a run may have, and its finished calls."""
 
     answers: Callable[[Plan], Answers]
     finished: Callable[[], Finished]
 
 
-def answered(attempts: Attempts, plan: Plan, model: str) -> Given:
+def answered(attempts: Attempts, plan: Plan, model: str) -> ModelAnswers:
     """Return a model's answers in a ledger."""
 
     def finished() -> Finished:
@@ -85,13 +85,13 @@ def answered(attempts: Attempts, plan: Plan, model: str) -> Given:
         return attempts.cells(rows, plan.places, plan.study, plan.prompt.key)
 
     independent, told = plan.bank.manifest.independent, bool(plan.prompt.fields)
-    return Given(lambda wide: answers_in(attempts, wide, model, independent=independent, told=told), finished)
+    return ModelAnswers(lambda wide: answers_in(attempts, wide, model, independent=independent, told=told), finished)
 
 
-def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) -> Given:
+def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) -> ModelAnswers:
     """Return a model's answers in replies, the last of each call."""
     given, (independent, told) = list(replies), (plan.bank.manifest.independent, bool(plan.prompt.fields))
-    return Given(
+    return ModelAnswers(
         lambda wide: read_answers(model, given, wide, independent=independent, told=told),
         lambda: cells_of((key for key, reply in given if reply.error not in UNFINISHED), plan.places),
     )
@@ -100,7 +100,7 @@ def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) ->
 def asked_of_model(
     plan: Plan,
     model: str,
-    given: Given,
+    given: ModelAnswers,
     may: Sequence[str],
     begun: Sequence[str] = (),
     *,
