@@ -69,7 +69,7 @@ class _RunState:
 
 
 @dataclass(frozen=True)
-class Form(Generic[T]):
+class KeptForm(Generic[T]):
     """How a reading is written to a file and read back; None for one that cannot be written."""
 
     suffix: str
@@ -78,7 +78,7 @@ class Form(Generic[T]):
     most_bytes: int
 
 
-JSON: Form[Any] = Form("json", lambda values: json.dumps(values).encode(), json.loads, 64_000_000)
+JSON: KeptForm[Any] = KeptForm("json", lambda values: json.dumps(values).encode(), json.loads, 64_000_000)
 """Plain values; a first reading is what would be read back."""
 
 
@@ -86,7 +86,7 @@ def kept(
     folder: Path,
     asked: Sequence[object],
     make: Callable[[], T],
-    form: Form[T] = JSON,
+    form: KeptForm[T] = JSON,
     *,
     fresh: bool = False,
     beside: Sequence[Path] = (),
@@ -115,7 +115,7 @@ def kept(
     return made
 
 
-def _as_kept(made: T, form: Form[T]) -> tuple[T, bytes | None]:
+def _as_kept(made: T, form: KeptForm[T]) -> tuple[T, bytes | None]:
     """Return a reading as it is read back, with its bytes: a first answer equals a second one."""
     body = form.write(made)
     return (made if body is None or form is not JSON else form.read(body)), body
@@ -138,7 +138,7 @@ def _warned() -> Iterator[list[None]]:
         warnings.showwarning = shown
 
 
-def _opened(file: Path, form: Form[T], key: bytes) -> tuple[T] | None:
+def _opened(file: Path, form: KeptForm[T], key: bytes) -> tuple[T] | None:
     """Return what a file keeps, in a tuple; None unless it is whole and of this user."""
     with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
         if not stat.S_ISREG(file.lstat().st_mode) or file.lstat().st_size > form.most_bytes:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import MOST, UNFINISHED, CallKey, DecisionReader, Reply
-from eyechart.kept import Form
+from eyechart.kept import KeptForm
 from eyechart.ledger.rows import KEY_OF_CALL, OF_KEY, REPLY, REPLY_OF, SentAttempt, pack
 from eyechart.spaces.space import Decision
 
@@ -443,5 +443,5 @@ def read_back(body: bytes) -> Attempts:
 
 _BEFORE = 65
 """Bytes of the seal before a kept reading, so that its arrays begin at a multiple of eight."""
-COLUMNS = Form("columns", written, read_back, 1_000_000_000)
+COLUMNS = KeptForm("columns", written, read_back, 1_000_000_000)
 """How columns are kept beside a run: an array takes as long to read as its bytes."""
