@@ -18,7 +18,7 @@ from eyechart.frames import Frame, FrameBank, alone
 from eyechart.spaces.discrete import Discrete
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.odds import LEFT_OUT, odds_of
 from eyechart.studies.battery.paper_statistics import Resampling
@@ -213,8 +213,8 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
         return "STOP" if gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
 
     frames = simulated.frames()
-    calibratedstatistics = CalibratedStatistics(
-        CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99))
+    calibratedstatistics = LazyStatistics(
+        CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99)).tests()
     )
     read = set[str]()
 

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -24,7 +25,7 @@ from eyechart.spaces.reader import READERS
 from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import ModelStatistics, Statistic
 from eyechart.studies.battery.answers import Answers, Mask, answers_in
-from eyechart.studies.battery.calibrated_statistics import CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.controls import DEPTH_TESTS, OF_PICTURES, TURN_TESTS
 from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.early_stop import EarlyStop, StoppingState
@@ -311,7 +312,9 @@ def score_run(
             answers[spec] = replace(answers[spec].under(plan.asked(spec)), finished=came)
     statistics = {
         spec: _with_evidence(
-            statistics_of(answer.under(asked[spec].judged_of(plan)), how, independent=independent, said=said.get(spec)),
+            lazy_statistics(
+                answer.under(asked[spec].judged_of(plan)), how, independent=independent, said=said.get(spec)
+            ),
             courses.get(spec),
             stopped.get(spec),
         )
@@ -416,13 +419,13 @@ def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers
 
 def _with_evidence(
     statistics: Mapping[str, Statistic], course: StoppingState | None, stopped: StoppingPoint | None
-) -> dict[str, Statistic]:
+) -> Mapping[str, Statistic]:
     """Add the e-values of a run that stops early; remove what holds only at a fixed sample size.
 
     The tests that ``depth`` reads stay, because they used all frames.
     """
     if course is None:
-        return dict(statistics)
+        return statistics
     if stopped is None:
         return {**statistics, **course.statistics()}
     kept = {stopped.lateral_by, *(READ if stopped.whole else ())}
@@ -448,9 +451,17 @@ def statistics_of(
     answers: Answers, how: Resampling, *, independent: bool = False, said: StepReplies | None = None
 ) -> dict[str, Statistic]:
     """Return the paper's statistics, the calibrated tests and the series of one model, by name."""
+    return dict(lazy_statistics(answers, how, independent=independent, said=said))
+
+
+def lazy_statistics(
+    answers: Answers, how: Resampling, *, independent: bool = False, said: StepReplies | None = None
+) -> LazyStatistics:
+    """Return what `statistics_of` does, each computed when it is first read: a verdict reads half of them."""
     plain = answers.under([name for name in answers.decisions if OVER not in name or not step_in(name)])
-    tests = CalibratedTests(plain, how, independent).statistics()
-    return PaperStatistics(plain, how).statistics() | tests | series_statistics(answers, said or {})
+    tests = PaperStatistics(plain, how).tests() | CalibratedTests(plain, how, independent).tests()
+    steps = series_statistics(answers, said or {})
+    return LazyStatistics(tests | {name: partial(steps.__getitem__, name) for name in steps})
 
 
 def _corrected(

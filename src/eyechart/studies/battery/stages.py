@@ -15,7 +15,7 @@ from eyechart.manifest import RunManifest
 from eyechart.run import Plan, Stages, cells_of, in_order, lacking
 from eyechart.seeds import key_seed
 from eyechart.studies.battery.answers import Answers, Mask, answers_in, read_answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.series import every_step, most_left, next_steps
 from eyechart.verdicts import controls_wanted
@@ -121,8 +121,8 @@ def asked_of_model(
     while not lacking(replace(plan, controls={model: (*judged, *wanted)}).cells(model), finished):
         judged = (*judged, *wanted)
         part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
-        statistics = CalibratedStatistics(
-            CalibratedTests(part, Resampling(seed=plan.seed), sure)
+        statistics = LazyStatistics(
+            CalibratedTests(part, Resampling(seed=plan.seed), sure).tests()
         )  # however the run is scored
         wanted = controls_wanted(statistics, supplied=may, asked=judged) if may else ()
         wanted = wanted or next_steps(part, series)
