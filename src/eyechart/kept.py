@@ -152,8 +152,6 @@ def _opened(file: Path, form: KeptForm[T], key: bytes) -> tuple[T] | None:
 def _keep(file: Path, body: bytes, key: bytes) -> None:
     """Write a reading whole or not at all; remove the oldest beyond a number of them."""
     file.parent.mkdir(exist_ok=True)
-    if file.parent.is_symlink():
-        return
     partial = file.with_name(f".{file.stem}.{os.getpid()}.{secrets.token_hex(4)}.new")
     try:
         with partial.open("xb") as out:
