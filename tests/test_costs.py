@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 
 from eyechart.calls import CallKey, Reply, read_in
-from eyechart.costs import ALL, Account, Book, estimate
+from eyechart.costs import ALL, Account, accounts_of, estimate
 from eyechart.errors import SpecError
-from eyechart.ledger import UNKNOWN, SentAttempt
+from eyechart.ledger import UNKNOWN, SentAttempt, columns_of
 from eyechart.models.prices import Price, Prices, read_prices
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.report.accounts import costs_table
@@ -32,10 +32,7 @@ def reply(text: str = "SLOW", **fields: object) -> Reply:
 
 def accounts(sent: list[SentAttempt], prices: Prices = PRICES) -> dict[str, Account]:
     """Return the accounts of these attempts."""
-    book = Book(MODE, read_in(DRIVING), prices)
-    for attempt in sent:
-        book.add(attempt)
-    return book.accounts()
+    return accounts_of(columns_of(sent, read_in(DRIVING)), MODE.spec, prices.of(MODE))
 
 
 def frame(name: str, condition: str = "real") -> CallKey:

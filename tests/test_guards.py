@@ -4,11 +4,12 @@ from dataclasses import replace
 import pytest
 
 from eyechart.calls import CallKey, Reply, read_in
-from eyechart.costs import ALL, Book
-from eyechart.integrity import Guard, GuardChecks
-from eyechart.ledger import SentAttempt
+from eyechart.costs import ALL, accounts_of
+from eyechart.integrity import Guard, guards_of
+from eyechart.ledger import SentAttempt, columns_of
 from eyechart.models.prices import read_prices
 from eyechart.modes import ModeMeasurements, RequestMode
+from eyechart.run import cells_of, lacking
 from eyechart.spaces.discrete import DRIVING
 
 KEY = CallKey("battery", "openai:m", "p", "f", "real")
@@ -39,11 +40,13 @@ def sent_with(say: Say = fine, frames: int = 10) -> list[SentAttempt]:
 
 def guards(sent: list[SentAttempt], planned: list[CallKey], mode: RequestMode) -> tuple[Guard, ...]:
     """Return every guard of these attempts."""
-    checks, book = GuardChecks(mode, read_in(DRIVING)), Book(mode, read_in(DRIVING), read_prices())
-    for attempt in sent:
-        checks.add(attempt)
-        book.add(attempt)
-    return checks.guards(planned, "abcdef0123", book.accounts()[ALL].words)
+    attempts = columns_of(sent, read_in(DRIVING))
+    places = {frame: at for at, frame in enumerate(dict.fromkeys(key.frame for key in planned))}
+    rows = attempts.of(KEY.model)
+    ended = attempts.cells(rows[attempts.finishing(rows)], places, KEY.study, KEY.prompt)
+    counts = len(planned), lacking(cells_of(planned, places), ended)
+    said = accounts_of(attempts, KEY.model, read_prices().of(mode))[ALL].words
+    return guards_of(attempts, KEY.model, mode, counts, "abcdef0123", said)
 
 
 def guard(name: str, sent: list[SentAttempt], mode: RequestMode = MODE, planned: list[CallKey] | None = None) -> Guard:

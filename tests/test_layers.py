@@ -33,7 +33,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("spaces",),
     ("stats", "cameras", "event_loops", "formats", "clusters"),
     ("errors", "seeds", "records", "keys"),
-    ("regexes", "processes", "scratch"),
+    ("regexes", "processes", "scratch", "kept"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``, or the other distribution's package as a whole.
 

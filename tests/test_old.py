@@ -1,7 +1,7 @@
 """What older versions made is read, scored and validated by today's code, which answers as they did.
 
 `tests/old/` holds a folder a version: what it made, and what its commands answered. `tests/old/differences.toml` lists
-what is answered otherwise on purpose. The commands that read write nothing.
+what is answered otherwise on purpose. The commands that read change nothing, and add only what they keep.
 """
 
 import contextlib
@@ -21,6 +21,7 @@ import pytest
 
 from by_key import Difference, Expected, differences, read_expected, unexpected
 from eyechart import cli
+from eyechart.kept import FOLDER
 
 OLD = Path(__file__).parent / "old"
 ANSWERS = sorted(OLD.glob("*/answers/*.json"))
@@ -32,7 +33,7 @@ def marks(folder: Path) -> dict[str, tuple[int, int, int]]:
     """Return of every file of a folder which it is, its size, and when it was last written to, in nanoseconds."""
     result = {}
     for place, folders, names in os.walk(folder):
-        folders[:] = [name for name in folders if name != "__pycache__"]
+        folders[:] = [name for name in folders if name not in {"__pycache__", FOLDER}]
         for name in names:
             said = os.stat(os.path.join(place, name))  # noqa: PTH116, PTH118 - of every file, after every command
             result[f"{place}/{name}"] = (said.st_ino, said.st_size, said.st_mtime_ns)
@@ -71,6 +72,8 @@ def say(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):  #
 
 
 FOUND: dict[Path, list[Difference]] = {}
+READ_AGAIN = {"verdict", "score", "costs", "gate"}
+"""Commands that keep what they read; a second answer is the kept one, and that of --fresh is read anew."""
 
 
 @pytest.fixture
@@ -84,6 +87,9 @@ def found(say, made: Path):  # noqa: ANN001, ANN201
             code, out, _ = say(folder, str(then["command"]))
             now = {"exit": code, "json": json.loads(out) if out.strip() else None}
             FOUND[path] = list(differences({name: then[name] for name in now}, now, within=1e-12))
+            if shlex.split(str(then["command"]))[0] in READ_AGAIN:
+                again, anew = (say(folder, f"{then['command']}{more}") for more in ("", " --fresh"))
+                assert (again[:2], anew[:2]) == ((code, out), (code, out)), f"{then['command']} answers otherwise"
             assert marks(folder) == before, f"{then['command']} changed files"
         return FOUND[path]
 

@@ -15,10 +15,10 @@ import short_worlds
 import stand_ins
 from banks import build_bank
 from eyechart import models, simulators
-from eyechart.calls import CallKey, Query, Reply
+from eyechart.calls import CallKey, Query, Reply, read_in
 from eyechart.cli.app import app
 from eyechart.integrity import ServedChecks, ServedGuard
-from eyechart.ledger import SentAttempt
+from eyechart.ledger import SentAttempt, columns_of
 from eyechart.models import scripted
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery
@@ -49,10 +49,11 @@ def served(**named: str) -> Reply:
 
 def guard_of(*replies: Reply) -> ServedGuard | None:
     """Return the guard of these replies, a minute apart."""
-    checks = ServedChecks()
-    for at, reply in enumerate(replies):
-        checks.add(SentAttempt(KEY._replace(frame=f"f{at}"), 1, None, reply, "", final=True, sent_at=f"T00:{at:02d}"))
-    found = checks.guards()
+    sent = [
+        SentAttempt(KEY._replace(frame=f"f{at}"), 1, None, reply, "", final=True, sent_at=f"T00:{at:02d}")
+        for at, reply in enumerate(replies)
+    ]
+    found = ServedChecks(columns_of(sent, read_in(DRIVING)), KEY.model).guards()
     return found[0] if found else None
 
 

@@ -1,21 +1,26 @@
 """Accounts of calls by model and condition: attempts, outcomes, tokens, dollars, times, joules."""
 
-from array import array
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Emptiness, Reply
+from eyechart.calls import DecisionReader, Emptiness
 from eyechart.errors import printable
-from eyechart.ledger import AGAIN, UNKNOWN, Ledger, SentAttempt
-from eyechart.models.prices import Prices, cost_at
+from eyechart.ledger import AGAIN, UNKNOWN, Attempts, Ledger
+from eyechart.models.prices import Price, Prices, costs_at
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.records import JsonRecord
 from eyechart.spaces.motion import require_motions
 from eyechart.spaces.space import MISSING, AnySpace, Missing
 from eyechart.spaces.stated_motion import StatedMotionSpace
+
+Ints = NDArray[np.integer[Any]]
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 ALL = "all"
 """The name of the account that holds every condition."""
@@ -78,51 +83,21 @@ class Account(JsonRecord):
         return "—" if both == (None, None) else ", ".join("—" if one is None else str(one) for one in both)
 
 
-class Book:
-    """Adds up attempts one by one, in the order of sending; ``read`` reads their replies."""
-
-    def __init__(self, mode: RequestMode, read: DecisionReader, prices: Prices) -> None:
-        self._decide, self._price = read, prices.of(mode)
-        self._pages: defaultdict[str, _ConditionSums] = defaultdict(_ConditionSums)
-
-    def add(self, one: SentAttempt) -> None:
-        """Add an attempt."""
-        page = self._pages[one.key.condition]
-        page.counts["calls"] += one.number == 1
-        page.counts["attempts"] += 1
-        if one.number > 1 and one.reason is not None:
-            page.retries[one.reason] += 1
-        reply = one.reply
-        if reply is None:
-            page.counts["unknown"] += 1
-            page.cost_from[UNKNOWN] += 1
-            return
-        if reply.error in UNFINISHED and not one.final:
-            if one.key not in page.ended:  # for a repeated call the earlier reply still counts
-                page.pending.add(one.key)
-        else:
-            page.pending.discard(one.key)
-            page.finish(one.key, reply, self._decide(one.key, reply).missing or "")
-        cost, how = cost_at(self._price, reply)
-        page.cost_from[how] += 1
-        page.take(reply, cost)
-
-    def accounts(self) -> dict[str, Account]:
-        """Return the account of all attempts, and one for each condition."""
-        pages = dict(sorted(self._pages.items()))
-        whole = _ConditionSums()
-        for page in pages.values():
-            whole.join(page)
-        return {name: page.account() for name, page in {ALL: whole, **pages}.items()}
+def accounts_of(attempts: Attempts, model: str, price: Price | None) -> dict[str, Account]:
+    """Return the account of all attempts of a model at this price, and one for each condition."""
+    rows = attempts.of(model)
+    conditions, named = attempts.codes["condition"][rows], attempts.names["condition"]
+    found = {named[code]: rows[conditions == code] for code in np.flatnonzero(np.bincount(conditions)).tolist()}
+    pages = {name: _ConditionSums.of(attempts, found[name], price) for name in sorted(found)}
+    whole = _ConditionSums()
+    for page in pages.values():
+        whole.join(page)
+    return {name: page.account() for name, page in {ALL: whole, **pages}.items()}
 
 
 @dataclass(slots=True)
 class _ConditionSums:
-    """The running sums of one condition.
-
-    ``pending`` are calls that their last reply left unfinished. ``ended`` are calls that an error
-    finished, each with the reason of its missing decision.
-    """
+    """The sums of one condition; ``pending`` calls were left unfinished by their last reply."""
 
     counts: Counter[str] = field(default_factory=Counter)
     retries: Counter[str] = field(default_factory=Counter)
@@ -130,39 +105,66 @@ class _ConditionSums:
     missing: Counter[str] = field(default_factory=Counter)
     cost_from: Counter[str] = field(default_factory=Counter)
     sums: dict[str, float] = field(default_factory=dict)
-    pending: set[CallKey] = field(default_factory=set)
-    ended: dict[CallKey, str] = field(default_factory=dict)
-    latency: "array[float]" = field(default_factory=lambda: array("d"))
-    first_byte: "array[float]" = field(default_factory=lambda: array("d"))
+    pending: int = 0
+    latency: Floats = field(default_factory=lambda: np.zeros(0))
+    first_byte: Floats = field(default_factory=lambda: np.zeros(0))
 
-    def take(self, reply: Reply, cost: float | None) -> None:
-        """Add a reply's tokens, times, energy and cost."""
-        if reply.error is not None:
-            self.errors[reply.error] += 1
-        else:
-            self.latency.extend(() if reply.seconds is None else (reply.seconds,))
-            self.first_byte.extend(() if reply.first_byte_s is None else (reply.first_byte_s,))
-        self.counts["energy_measured"] += reply.energy_j is not None
-        for name, value in (
-            ("prompt_tokens", reply.prompt_tokens),
-            ("completion_tokens", reply.completion_tokens),
-            ("reasoning_tokens", reply.reasoning_tokens),
-            ("seconds", reply.seconds),
-            ("energy_j", reply.energy_j),
-            ("cost_usd", cost),
-        ):
-            if value is not None:
-                self.sums[name] = self.sums.get(name, 0) + value
+    @classmethod
+    def of(cls, attempts: Attempts, rows: Ints, price: Price | None) -> "_ConditionSums":
+        """Return the sums of these rows, which are in the order of sending."""
+        page, came, number = cls(), rows[attempts.came[rows]], attempts.number[rows]
+        finishing = attempts.finishing(rows)
+        page.counts.update(calls=int((number == 1).sum()), attempts=len(rows), unknown=len(rows) - len(came))
+        page.retries = _counted(attempts, "reason", rows[number > 1])
+        page.errors = _counted(attempts, "error", came)
+        page.cost_from[UNKNOWN] += len(rows) - len(came)
+        page._finish(attempts, rows[finishing])
+        page._pend(attempts, rows, finishing)
+        page._take(attempts, came, price)
+        return page
 
-    def finish(self, key: CallKey, reply: Reply, missing: str) -> None:
-        """Count a final reply; for a call that was repeated after an error, the last one counts."""
-        if (before := self.ended.pop(key, None)) is None:
-            self.counts["finished"] += 1
-        else:
-            self.missing[before] -= 1
-        self.missing[missing] += 1
-        if reply.error is not None:
-            self.ended[key] = missing
+    def _finish(self, attempts: Attempts, rows: Ints) -> None:
+        """Count final replies; for a call that was repeated after an error, the last one counts."""
+        order = rows[np.argsort(attempts.call[rows], kind="stable")]
+        again, failed = _follows(attempts.call[order]), ~attempts.error(order, [None])
+        replaced = np.flatnonzero(again & np.roll(failed, 1)) - 1  # an error that a later reply follows
+        self.counts["finished"] = len(order) - len(replaced)
+        reasons = [one.missing or "" for one in attempts.decisions]
+        each = np.bincount(attempts.decision[order], minlength=len(reasons))
+        each -= np.bincount(attempts.decision[order[replaced]], minlength=len(reasons))
+        for reason, count in zip(reasons, each.tolist(), strict=True):
+            self.missing[reason] += count
+
+    def _pend(self, attempts: Attempts, rows: Ints, finishing: Mask) -> None:
+        """Count calls whose last reply left them unfinished, unless an error finished them before."""
+        call = attempts.call[rows]
+        last, ended = np.full(int(call.max(initial=-1)) + 1, -1), np.full(int(call.max(initial=-1)) + 1, -1)
+        left = np.flatnonzero(attempts.came[rows] & ~finishing)
+        last[call[left]] = left
+        ended[call[finishing]] = np.flatnonzero(finishing)
+        open_calls = np.flatnonzero(last > ended)
+        before = ended[open_calls]
+        failed = np.zeros(len(before), dtype=np.bool_)
+        failed[before >= 0] = ~attempts.error(rows[before[before >= 0]], [None])
+        self.pending = int((~failed).sum())
+
+    def _take(self, attempts: Attempts, rows: Ints, price: Price | None) -> None:
+        """Add the replies' tokens, times, energy and cost."""
+        plain = attempts.error(rows, [None])
+        values = {name: attempts.real[name][rows] for name in attempts.real}
+        values |= {name: np.where((one := column[rows]) < 0, np.nan, one) for name, column in attempts.whole.items()}
+        for name, place in (("seconds", "latency"), ("first_byte_s", "first_byte")):
+            times = values.get(name, np.zeros(0))[plain] if name in values else np.zeros(0)
+            setattr(self, place, times[~np.isnan(times)])
+        reported = values.pop("cost_usd", np.full(len(rows), np.nan))
+        cost, how = costs_at(price, reported, values.get("prompt_tokens"), values.get("completion_tokens"))
+        values.pop("first_byte_s", None)
+        self.cost_from.update(how)
+        for name, column in {**values, "cost_usd": cost}.items():
+            known = column[~np.isnan(column)]
+            if len(known):
+                self.sums[name] = float(np.cumsum(known)[-1])  # in order, as a sum by hand
+        self.counts["energy_measured"] = int((~np.isnan(values["energy_j"])).sum()) if "energy_j" in values else 0
 
     def join(self, other: "_ConditionSums") -> None:
         """Add another page to this one."""
@@ -170,26 +172,26 @@ class _ConditionSums:
             getattr(self, name).update(getattr(other, name))
         for name, value in other.sums.items():
             self.sums[name] = self.sums.get(name, 0) + value
-        self.pending |= other.pending
-        self.latency.extend(other.latency)
-        self.first_byte.extend(other.first_byte)
+        self.pending += other.pending
+        self.latency = np.concatenate([self.latency, other.latency])
+        self.first_byte = np.concatenate([self.first_byte, other.first_byte])
 
     def account(self) -> Account:
         """Return the page as an account."""
-        missing = self.missing + Counter(error=len(self.pending))
+        missing = self.missing + Counter(error=self.pending)
         return Account(
             calls=self.counts["calls"],
             attempts=self.counts["attempts"],
             finished=self.counts["finished"],
-            retries=dict(sorted(self.retries.items())),
+            retries=_known(self.retries),
             unknown=self.counts["unknown"],
-            errors=dict(sorted(self.errors.items())),
+            errors=_known(self.errors),
             missing={reason: missing[reason] for reason in MISSING if missing[reason]},
             prompt_tokens=_whole(self.sums.get("prompt_tokens")),
             completion_tokens=_whole(self.sums.get("completion_tokens")),
             reasoning_tokens=_whole(self.sums.get("reasoning_tokens")),
             cost_usd=self.sums.get("cost_usd"),
-            cost_from=dict(sorted(self.cost_from.items())),
+            cost_from=_known(self.cost_from),
             latency_median_s=_percentile(self.latency, 50),
             latency_p95_s=_percentile(self.latency, 95),
             first_byte_median_s=_percentile(self.first_byte, 50),
@@ -197,6 +199,22 @@ class _ConditionSums:
             energy_j=self.sums.get("energy_j"),
             energy_measured=self.counts["energy_measured"],
         )
+
+
+def _counted(attempts: Attempts, name: str, rows: Ints) -> Counter[str]:
+    """Return how many rows have each word of a field; rows without one are left out."""
+    words = attempts.names[name]
+    counts = np.bincount(attempts.codes[name][rows], minlength=len(words)).tolist()
+    return Counter({word: count for word, count in zip(words, counts, strict=True) if word is not None and count})
+
+
+def _follows(column: Ints) -> Mask:
+    """Return where a value is that of the place before."""
+    return np.concatenate([np.zeros(min(1, len(column)), dtype=np.bool_), column[1:] == column[:-1]])
+
+
+def _known(counts: Counter[str]) -> dict[str, int]:
+    return {name: count for name, count in sorted(counts.items()) if count}
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,8 +266,8 @@ def _whole(value: float | None) -> int | None:
     return None if value is None else int(value)
 
 
-def _percentile(values: "array[float]", percent: float) -> float | None:
-    return float(np.percentile(np.frombuffer(values), percent)) if values else None
+def _percentile(values: Floats, percent: float) -> float | None:
+    return float(np.percentile(values, percent)) if len(values) else None
 
 
 @dataclass(frozen=True, slots=True)

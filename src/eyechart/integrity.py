@@ -5,18 +5,22 @@ guard holds, fails, or cannot say; a failed one marks the verdict wherever it is
 """
 
 import re
-import statistics
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Mapping
-from collections.abc import Set as AbstractSet
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
-from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Emptiness, Reply
+import numpy as np
+from numpy.typing import NDArray
+
+from eyechart.calls import Emptiness, Reply
 from eyechart.errors import printable
-from eyechart.ledger import AGAIN, SentAttempt
+from eyechart.ledger import AGAIN, TEXTS_KEPT, Attempts
 from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, made_elsewhere
 from eyechart.spaces.space import ending
 from eyechart.stats.forced_choice import fewer_p
+
+Ints = NDArray[np.integer[Any]]
 
 FEWEST = 8
 """The fewest pairs for a suspicion."""
@@ -94,30 +98,31 @@ class ServedGuard(Guard):
 
 
 class ServedChecks:
-    """Compares the names in replies, attempt by attempt in the order of sending.
+    """Compares the names in a model's replies, in the order of sending.
 
     A probed ``mode`` records the names of that time; another model later is a difference.
     """
 
-    def __init__(self, mode: RequestMode | None = None) -> None:
+    def __init__(self, attempts: Attempts, model: str, mode: RequestMode | None = None) -> None:
         self._probed: Mapping[str, str] = {} if mode is None or mode.measured is None else mode.measured.facts
         self._found: dict[tuple[str | None, str | None, str | None], tuple[int, str, str]] = {}
         self._unnamed = 0
+        own = attempts.code("model", model)
+        for (code, said), counted in attempts.served.items():
+            if code == own:
+                self._add(_named(*said[:3], older=said[3]), *counted)
 
-    def add(self, one: SentAttempt) -> None:
-        """Add an attempt; replies without names are counted."""
-        if one.reply is None or one.reply.error is not None:
-            return
-        named = names_of(one.reply)
-        self._unnamed += named[0] is None
+    def _add(self, named: tuple[str | None, str | None, str | None], replies: int, since: str, until: str) -> None:
+        """Add replies with the same names; those without any are counted."""
+        self._unnamed += replies * (named[0] is None)
         if named == (None, None, None):
             return
         if named not in self._found and len(self._found) >= _TEXTS_KEPT:  # some servers rename each
             named = (named[0], named[1], _OTHERS) if named[2] else (_OTHERS, None, None)
             if named not in self._found and len(self._found) >= 2 * _TEXTS_KEPT:
                 named = (_OTHERS, None, None)
-        count, since, _ = self._found.get(named, (0, one.sent_at, ""))
-        self._found[named] = (count + 1, since, one.sent_at)
+        count, first, last = self._found.get(named, (0, since, ""))
+        self._found[named] = (count + replies, first, max(last, until))
 
     def unlike(self) -> dict[str, str]:
         """Return in words the ``model`` and ``provider`` that differ from the probe's.
@@ -157,25 +162,26 @@ class ServedChecks:
 
 
 class RequestChecks:
-    """Compares the requests of all attempts at the same call, by any model of a run.
+    """Compares the requests of all attempts at the same call, by any of a run's models.
 
-    Every model must be shown the same for one frame, condition and prompt. It reads a whole run.
+    Every model must be shown the same for one frame, condition and prompt. A row without a digest
+    is skipped.
     """
 
-    def __init__(self) -> None:
-        self._first: dict[tuple[str, ...], tuple[str, str]] = {}
+    def __init__(self, attempts: Attempts, models: Iterable[str]) -> None:
         self._unlike: dict[str, dict[tuple[str, ...], None]] = {}
-
-    def add(self, one: SentAttempt) -> None:
-        """Add an attempt; a row without a digest is skipped."""
-        if not one.request_sha256:
-            return
-        study, model, *asked = map(str, one.key)
-        key = (study, *asked)
-        before, whose = self._first.setdefault(key, (one.request_sha256, model))
-        if before != one.request_sha256:
-            for either in (model, whose):
-                self._unlike.setdefault(either, {})[key] = None
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *map(attempts.of, models)])
+        rows = rows[attempts.request[rows] != 0]
+        asked = np.zeros(len(rows), dtype=np.int64)
+        for name in _ASKED:
+            asked = asked * len(attempts.names[name]) + attempts.codes[name][rows]
+        _, first, which = np.unique(asked, return_index=True, return_inverse=True)
+        before = rows[first[which]]
+        for at in np.flatnonzero(attempts.request[rows] != attempts.request[before]).tolist():
+            key = attempts.key(int(rows[at]))
+            same = tuple(map(str, (key.study, *key[2:])))
+            for model in (key.model, attempts.key(int(before[at])).model):
+                self._unlike.setdefault(model, {})[same] = None
 
     def guards(self, model: str) -> tuple[Guard, ...]:
         """Return the guard of a model, or none if its requests equal those of the others."""
@@ -193,85 +199,93 @@ def _shown(name: str) -> str:
     return name if len(name) <= _NAME_SHOWN else f"{name[:half]}…{name[-half:]}"
 
 
+_ASKED = ("study", "prompt", "frame", "condition", "repeat")
+"""What names a call to any model."""
+
+
 def names_of(reply: Reply) -> tuple[str | None, str | None, str | None]:
     """Return model, provider and fingerprint; an older ledger has the last behind the first.
 
     A model's name may have several words, so only what looks like a fingerprint is one.
     """
-    served, mark = reply.served, reply.system_fingerprint
+    return _named(reply.served, reply.provider, reply.system_fingerprint, older=reply.payload_sha256 is None)
+
+
+def _named(
+    served: str | None, provider: str | None, mark: str | None, *, older: bool
+) -> tuple[str | None, str | None, str | None]:
     if served and mark:
         served = served.removesuffix(f" {mark}")
-    elif served and reply.payload_sha256 is None and (behind := _MARK.search(served)):
+    elif served and older and (behind := _MARK.search(served)):
         served, mark = served[: behind.start()], behind.group(1)
-    return served or None, reply.provider or None, mark or None
+    return served or None, provider or None, mark or None
 
 
-class GuardChecks:
-    """Checks attempts one by one, in the order of sending, without keeping them.
+def guards_of(
+    attempts: Attempts, model: str, mode: RequestMode, planned: tuple[int, int], fingerprint: str, counted: str
+) -> tuple[Guard, ...]:
+    """Return every guard of a model; ``fingerprint`` is that of the bank's checked geometry.
 
-    ``read`` reads replies, to find decisions that never differ in differing words.
+    ``planned`` are the numbers of planned calls and of those without an outcome. ``counted`` says in
+    words how many attempts there were and how they ended.
     """
-
-    def __init__(self, mode: RequestMode, read: DecisionReader) -> None:
-        self._mode = mode
-        self._read = read
-        self._decided: Counter[str] = Counter()
-        self._outcomes = _Outcomes()
-        self._repeats = _Repeats(_alone(mode))
-        self._texts: set[str] = set()
-        self._empty = Emptiness()
-        self._ends = _Ends()
-        self._served = ServedChecks(mode)
-        self._tokens: dict[str, dict[str, int]] = defaultdict(dict)
-
-    def add(self, one: SentAttempt) -> None:
-        """Add an attempt."""
-        self._outcomes.add(one)
-        self._served.add(one)
-        reply = one.reply
-        if reply is None or reply.error is not None:
-            return
-        self._empty = self._empty.plus(reply)
-        self._ends.add(reply.finish_reason)
-        if len(self._texts) < _TEXTS_KEPT:
-            self._texts.add(reply.text.strip())
-        if len(self._decided) < 2:  # two different ones are enough
-            found = self._read(one.key, reply).action
-            self._decided.update([] if found is None else [str(found)])
-        if reply.prompt_tokens:
-            self._tokens[one.key.condition][f"{one.key.prompt} {one.key.frame}"] = reply.prompt_tokens
-        if one.key.condition in {"real", "real_repeat"}:
-            told = self._read(one.key, reply).action if self._repeats.alone else None
-            self._repeats.add(one.key.frame, reply, "" if told is None else str(told))
-
-    def guards(self, planned: Iterable[CallKey], fingerprint: str, counted: str) -> tuple[Guard, ...]:
-        """Return every guard; ``fingerprint`` is that of the bank's checked geometry.
-
-        ``counted`` says in words how many attempts there were and how they ended.
-        """
-        same = f"the frames have the geometry that the run was made on ({fingerprint[:8]})"
-        if made_elsewhere(self._mode.spec):
-            served = self._served.guards()
-            return (
-                *(Guard(name, None, words) for name, words in _ELSEWHERE.items()),
-                self._outcomes.guard(planned, counted),
-                Guard(
-                    "geometry", True, f"the answers are to the calls of this bank, by their keys ({fingerprint[:8]})"
-                ),
-                _constant(self._texts, self._decided, self._empty),
-                self._ends.guard(),
-                *(served if any(not guard.holds for guard in served) else (_UNNAMED,)),
-            )
+    rows, served = attempts.of(model), ServedChecks(attempts, model, mode)
+    plain = rows[attempts.error(rows, [None])]
+    outcomes = _outcomes(planned, _twice(attempts, rows), counted)
+    constant, ends = _constant(attempts, model, plain), _Ends.of(attempts, plain)
+    if made_elsewhere(mode.spec):
+        named = served.guards()
         return (
-            _picture(self._tokens, self._mode, self._served.unlike()),
-            self._outcomes.guard(planned, counted),
-            Guard("geometry", True, same),
-            _constant(self._texts, self._decided, self._empty),
-            self._repeats.guard(self._mode),
-            *self._repeats.under_load(),
-            *([self._ends.guard()] if self._ends.unknown else []),
-            *self._served.guards(),
+            *(Guard(name, None, words) for name, words in _ELSEWHERE.items()),
+            outcomes,
+            Guard("geometry", True, f"the answers are to the calls of this bank, by their keys ({fingerprint[:8]})"),
+            constant,
+            ends.guard(),
+            *(named if any(not guard.holds for guard in named) else (_UNNAMED,)),
         )
+    repeats = _Repeats.of(attempts, model, _alone(mode))
+    return (
+        _picture(_tokens(attempts, plain), mode, served.unlike()),
+        outcomes,
+        Guard("geometry", True, f"the frames have the geometry that the run was made on ({fingerprint[:8]})"),
+        constant,
+        repeats.guard(mode),
+        *repeats.under_load(),
+        *([ends.guard()] if ends.unknown else []),
+        *served.guards(),
+    )
+
+
+def _emptiness(attempts: Attempts, rows: Ints) -> Emptiness:
+    """Return the counts of replies without an error, and of empty ones among them."""
+    ends = attempts.names["finish_reason"]
+    found, silent = Emptiness(came=int((~attempts.silent[rows]).sum())), rows[attempts.silent[rows]]
+    codes = attempts.codes["finish_reason"][silent].astype(np.int64) * 2 + attempts.thought[silent]
+    for code, count in enumerate(np.bincount(codes).tolist()):
+        end, thought = ends[code // 2], code % 2 == 1
+        cut = ending(end) == "cut"
+        called = not cut and end == "tool_calls"
+        one = (1, not cut, thought and not cut, cut, thought and cut, called)
+        found += Emptiness(*(count * of for of in one))
+    return found
+
+
+TokenCounts = Mapping[str, tuple[Ints, Ints]]
+"""By condition: what was asked, a prompt about a frame, and the tokens of its last reply."""
+
+
+def _tokens(attempts: Attempts, rows: Ints) -> TokenCounts:
+    if "prompt_tokens" not in attempts.whole:
+        return {}
+    counts, frames = attempts.whole["prompt_tokens"], len(attempts.names["frame"])
+    rows = rows[counts[rows] > 0]
+    asked = attempts.codes["prompt"][rows].astype(np.int64) * frames + attempts.codes["frame"][rows]
+    conditions, found = attempts.codes["condition"][rows], {}
+    for code in np.flatnonzero(np.bincount(conditions)).tolist():
+        own = np.flatnonzero(conditions == code)[::-1]
+        which, last = np.unique(asked[own], return_index=True)
+        found[attempts.names["condition"][code]] = (which, counts[rows[own[last]]].astype(np.int64))
+    return found
 
 
 _ELSEWHERE = {
@@ -295,13 +309,18 @@ class _Ends:
     unsaid: int = 0
     unknown: Counter[str] = field(default_factory=Counter)
 
-    def add(self, reason: str | None) -> None:
-        """Count a reply by its finish reason."""
-        self.came += 1
-        self.unsaid += reason is None
-        if reason is not None and ending(reason) is None:
-            known = reason in self.unknown or len(self.unknown) < _ENDS_KEPT
-            self.unknown[reason if known else "another word"] += 1
+    @classmethod
+    def of(cls, attempts: Attempts, rows: Ints) -> "_Ends":
+        """Count replies by their finish reasons."""
+        found, codes = cls(came=len(rows)), attempts.codes["finish_reason"][rows]
+        words, first, counts = np.unique(codes, return_index=True, return_counts=True)
+        for at in np.argsort(first).tolist():
+            reason, count = attempts.names["finish_reason"][words[at]], int(counts[at])
+            found.unsaid += count * (reason is None)
+            if reason is not None and ending(reason) is None:
+                known = reason in found.unknown or len(found.unknown) < _ENDS_KEPT
+                found.unknown[reason if known else "another word"] += count
+        return found
 
     def guard(self) -> Guard:
         """Return whether every reply has a known finish reason."""
@@ -319,27 +338,30 @@ _SHOWN_BEFORE = frozenset({"text_only", "real_repeat", "shuffled", "cross_scenar
 """Conditions without a picture of their own; a server may omit cached tokens for them."""
 
 
-def _dropped(tokens: Mapping[str, Mapping[str, int]]) -> str:
+def _dropped(tokens: TokenCounts) -> str:
     """Return how many prompts with a picture have the tokens of their words alone, or ""."""
-    bare = tokens.get("text_only", {})
-    if min(bare.values(), default=0) < max(FEWEST_TOKENS, max(bare.values(), default=0) / 2):
+    asked, bare = tokens.get("text_only", _NO_TOKENS)
+    if not len(bare) or bare.min() < max(FEWEST_TOKENS, bare.max() / 2):
         return ""
-    for condition, counts in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
-        both = counts.keys() & bare.keys()
-        lost = sum(counts[frame] == bare[frame] for frame in both)
+    for condition, (which, counts) in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
+        _, here, there = np.intersect1d(which, asked, assume_unique=True, return_indices=True)
+        lost = int((counts[here] == bare[there]).sum())
         if lost and condition.partition("@")[0] not in _SHOWN_BEFORE:
             named = "" if condition == "real" else f", under {condition},"
-            return f"{lost} of {len(both)} prompts with a picture{named} have exactly the tokens of the words alone"
+            return f"{lost} of {len(here)} prompts with a picture{named} have exactly the tokens of the words alone"
     return ""
 
 
-def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
+_NO_TOKENS = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+
+
+def _picture(tokens: TokenCounts, mode: RequestMode, unlike: Mapping[str, str]) -> Guard:
     """Return whether pictures arrived, by a probe of the same model or by the server's tokens.
 
     ``tokens`` are those of prompts by condition and frame. If a probe saw that the server counts
     pictures, a prompt with a picture but only the tokens of its words lost the picture.
     """
-    found, shown, bare = mode.measured, tokens.get("real", {}), tokens.get("text_only", {})
+    found, shown, bare = mode.measured, *(tokens.get(name, _NO_TOKENS)[1] for name in ("real", "text_only"))
     if found is not None and (found.image_tokens or 0) >= FEWEST_TOKENS and not unlike and (words := _dropped(tokens)):
         words = f"{words}, where the probe's picture added {found.image_tokens}"
         return Guard("picture", False, f"pictures were dropped on the way: {words}")
@@ -347,7 +369,7 @@ def _picture(tokens: Mapping[str, Mapping[str, int]], mode: RequestMode, unlike:
         words = f": {found.facts['picture']}" if "picture" in found.facts else ""
         says = f"the model {'saw' if found.sees_image else 'did not see'} the probe's pictures{words}"
         return Guard("picture", found.sees_image, says)
-    adds = statistics.median(shown.values()) - statistics.median(bare.values()) if shown and bare else None
+    adds = float(np.median(shown) - np.median(bare)) if len(shown) and len(bare) else None
     if adds is not None and adds >= FEWEST_TOKENS:
         return Guard("picture", True, f"a picture adds {adds:.0f} tokens to the prompt, as the server counts it")
     counted = ""
@@ -366,7 +388,9 @@ def _beginning(text: str) -> str:
     return repr(text) if len(text) <= _QUOTED else f"{text[:_QUOTED]!r} …"
 
 
-def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptiness) -> Guard:
+def _constant(attempts: Attempts, model: str, rows: Ints) -> Guard:
+    """Return whether a model's replies without an error differ from each other."""
+    empty, texts = _emptiness(attempts, rows), attempts.texts.get(attempts.code("model", model), frozenset())
     replies, aside = empty.came, f"; {empty.words}" if empty.thought else ""
     if empty.whole:
         return Guard("degeneracy", False, empty.words)
@@ -374,40 +398,32 @@ def _constant(texts: AbstractSet[str], decided: Mapping[str, int], empty: Emptin
         return Guard("degeneracy", None, f"{replies} replies are too few to call them constant{aside}")
     if len(texts) == 1:
         return Guard("degeneracy", False, f"all {replies} replies are the same: {_beginning(min(texts))}")
+    each = np.bincount(attempts.decision[rows], minlength=len(attempts.decisions)).tolist()
+    decided = Counter[str]()
+    for one, count in zip(attempts.decisions, each, strict=True):
+        decided.update({} if one.action is None or not count else {str(one.action): count})
     if len(decided) == 1 and (count := sum(decided.values())) >= FEWEST:
         return Guard("degeneracy", False, f"all {count} decisions are the same: {min(decided)}{aside}")
-    more = " or more" if len(texts) == _TEXTS_KEPT else ""
+    more = " or more" if len(texts) == TEXTS_KEPT else ""
     return Guard("degeneracy", True, f"{len(texts)}{more} different replies among {replies}{aside}")
 
 
-@dataclass(slots=True)
-class _Outcomes:
-    """The calls with an outcome, by hashes of their keys, and the number with two."""
+def _twice(attempts: Attempts, rows: Ints) -> int:
+    """Return how many outcomes followed one of the same call; a retried call has one, its last."""
+    order = rows[np.argsort(attempts.call[rows], kind="stable")]
+    again = np.cumsum(attempts.codes["reason"][order] == attempts.code("reason", AGAIN))
+    ended = np.flatnonzero(attempts.finishing(order))
+    call, asked = attempts.call[order[ended]], again[ended]
+    return int(((call[1:] == call[:-1]) & (asked[1:] == asked[:-1])).sum())
 
-    finals: set[int] = field(default_factory=set)
-    again: set[int] = field(default_factory=set)
-    twice: int = 0
 
-    def add(self, one: SentAttempt) -> None:
-        """Add an attempt; a retried call has one outcome, its last."""
-        call = hash(one.key)
-        if one.reason == AGAIN:
-            self.again.add(call)
-        if one.reply is not None and (one.final or one.reply.error not in UNFINISHED):
-            self.twice += call in self.finals and call not in self.again
-            self.finals.add(call)
-            self.again.discard(call)
-
-    def guard(self, planned: Iterable[CallKey], counted: str) -> Guard:
-        """Return whether every planned call has exactly one outcome."""
-        calls = without = 0
-        for key in planned:
-            calls += 1
-            without += hash(key) not in self.finals
-        if self.twice or without:
-            words = f"{without} planned calls have no outcome, {self.twice} have two; {counted}"
-            return Guard("outcomes", False, words)
-        return Guard("outcomes", True, f"each of {calls} planned calls has one outcome; {counted}")
+def _outcomes(planned: tuple[int, int], twice: int, counted: str) -> Guard:
+    """Return whether every planned call has exactly one outcome."""
+    calls, without = planned
+    if twice or without:
+        words = f"{without} planned calls have no outcome, {twice} have two; {counted}"
+        return Guard("outcomes", False, words)
+    return Guard("outcomes", True, f"each of {calls} planned calls has one outcome; {counted}")
 
 
 @dataclass(slots=True)
@@ -418,23 +434,37 @@ class _Repeats:
     unknown.
     """
 
-    alone: tuple[int, int] | None = None
-    first: dict[str, tuple[str, str, float, str]] = field(default_factory=dict)
-    counts: Counter[str] = field(default_factory=Counter)
+    alone: tuple[int, int] | None
+    counts: Mapping[str, int]
 
-    def add(self, frame: str, reply: Reply, told: str = "") -> None:
-        """Add one of a frame's two replies, in the order of sending, and its decision."""
-        this = reply.text, reply.reasoning, reply.seconds or 0.0, told
-        before = self.first.pop(frame, None)
-        if before is None:
-            self.first[frame] = this
-            return
-        same = before[:2] == this[:2]
-        self.counts["pairs"] += 1
-        self.counts["same"] += same
-        self.counts["decided"] += bool(before[3] and told)
-        self.counts["alike"] += bool(told) and before[3] == told
-        self.counts["sudden"] += same and this[2] < SUDDEN * before[2]
+    @classmethod
+    def of(cls, attempts: Attempts, model: str, alone: tuple[int, int] | None) -> "_Repeats":
+        """Compare the replies about each frame in pairs, in the order of sending."""
+        rows, own = (
+            attempts.repeats.rows,
+            np.flatnonzero(attempts.codes["model"][attempts.repeats.rows] == attempts.code("model", model)),
+        )
+        own = own[np.argsort(attempts.codes["frame"][rows[own]], kind="stable")]
+        frames = attempts.codes["frame"][rows[own]]
+        starts = np.flatnonzero(np.concatenate([[True], frames[1:] != frames[:-1]])[: len(frames)])
+        place = np.arange(len(own)) - np.repeat(starts, np.diff([*starts.tolist(), len(own)]))
+        later = np.flatnonzero(place % 2 == 1)
+        one, other = own[later - 1], own[later]
+        first, then = rows[one], rows[other]
+        said = attempts.repeats
+        same = (said.text[one] == said.text[other]) & (said.reasoning[one] == said.reasoning[other])
+        seconds = np.nan_to_num(attempts.real.get("seconds", np.zeros(len(attempts.call))))
+        acted = np.array([decision.action is not None for decision in attempts.decisions], dtype=np.bool_)
+        told, again = attempts.decision[first], attempts.decision[then]
+        decided = acted[told] & acted[again] if alone is not None else np.zeros(len(told), dtype=np.bool_)
+        found = {
+            "pairs": same | True,
+            "same": same,
+            "decided": decided,
+            "alike": decided & (told == again),
+            "sudden": same & (seconds[then] < SUDDEN * seconds[first]),
+        }
+        return cls(alone, {name: int(where.sum()) for name, where in found.items()})
 
     def guard(self, mode: RequestMode) -> Guard:
         """Return whether a cache is suspected."""

@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import quote
 
 from eyechart.errors import EyechartError, SpecError, counted, printable, raising
+from eyechart.kept import kept
 from eyechart.manifest import BESIDE, RUN, EpisodesManifest, RunManifest
 from eyechart.report.page import Page, PageSummary, VerdictSummary, fill
 from eyechart.report.table import MARK, Cell, Column, Mark, Table
@@ -110,11 +111,20 @@ def _entries(name: str, run: Path, reading: ReadOptions) -> Iterator[Entry]:
     study = open_study("battery")
     try:
         study = study_of(run)
-        findings = study.findings(study.score(run, reading))
-        yield from _described(name, run, study, findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT))
+        asked = ["index", reading.independent, reading.reread, reading.against, reading.resamples]
+        found = kept(run, asked, lambda: _found_in(run, study, reading), fresh=reading.fresh)
+        findings = {spec: ModelSummary.of_plain(said) for spec, said in found["findings"].items()}
+        findings = findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT)
+        yield from _described(name, run, study, _moment(found["began"]), findings)
     except EyechartError as error:
         unread = ModelSummary(UNREAD, "bad", marks=(printable(str(error)),))
         yield Entry(name, study.runs_are, _moment(_created(run)), "", "", (), unread)
+
+
+def _found_in(run: Path, study: Study[Any], reading: ReadOptions) -> dict[str, object]:
+    """Return what a run says, in plain values: its findings by model, and when it began."""
+    findings = study.findings(study.score(run, reading))
+    return {"findings": {spec: one.as_plain() for spec, one in findings.items()}, "began": study.began(run)}
 
 
 def _created(run: Path) -> object:
@@ -124,12 +134,13 @@ def _created(run: Path) -> object:
     return None
 
 
-def _described(name: str, run: Path, study: Study[Any], findings: Mapping[str, ModelSummary]) -> Iterator[Entry]:
+def _described(
+    name: str, run: Path, study: Study[Any], begun: str, findings: Mapping[str, ModelSummary]
+) -> Iterator[Entry]:
     parts = [study.manifest(one) for one in study.runs(run).values()]
     of_banks = [part for part in parts if isinstance(part, RunManifest)]
     of_drives = [part for part in parts if isinstance(part, EpisodesManifest)]
     about = [*(Path(part.bank_path).name for part in of_banks), *(part.simulator for part in of_drives)]
-    begun = _moment(study.began(run))
     for spec, found in findings.items():
         versions = [*(part.models.get(spec) for part in of_banks), *(part.policies.get(spec) for part in of_drives)]
         asked = (

@@ -2,13 +2,13 @@
 
 import json
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 import msgspec
-import numpy as np
 
 T = TypeVar("T")
 Name = Annotated[str, msgspec.Meta(min_length=1)]
@@ -114,7 +114,8 @@ def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
         return [plain(one) for one in value]
     if is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    return value.item() if isinstance(value, np.generic) else value
+    numpy = sys.modules.get("numpy")  # without it there is no number of numpy
+    return value.item() if numpy is not None and isinstance(value, numpy.generic) else value
 
 
 @cache

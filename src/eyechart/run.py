@@ -6,6 +6,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, TypedDict, Unpack
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eyechart.attempts import Caller, budget_of, close, to_the_end
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.channels import reflected
@@ -25,6 +28,7 @@ from eyechart.spaces.motion import MotionSpace, require_motions
 from eyechart.spaces.space import AnySpace, Decision
 from eyechart.stimuli import Stimuli
 
+Mask = NDArray[np.bool_]
 Progress = Callable[[int, int], None]
 """Called with (calls finished, calls planned) whenever a call ends."""
 
@@ -66,7 +70,7 @@ class Plan:
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     turns: tuple[tuple[str, ...], ...] = ()
 
-    @property
+    @cached_property
     def space(self) -> AnySpace:
         """Return the space of answers: the prompt's own, or the bank's actions."""
         return self.prompt.asks(self.bank.manifest.action_space)
@@ -138,6 +142,37 @@ class Plan:
         asked = self.asked(model)
         return sum(key.condition not in asked for key in todo)
 
+    def cells(self, model: str) -> dict[tuple[str, int], Mask]:
+        """Return a model's planned calls: of each condition and repeat, which frames."""
+        if self.shard is not None or type(self) is not Plan:
+            return cells_of(self.keys_of(model), self.places)
+        few = {name: self._in_sample[name] for name in self.controls.get(model, ()) if name in self._in_sample}
+        shown = {name: self._shown(name) for name in self.asked(model)}
+        return {(name, 0): cells & few[name] if name in few else cells for name, cells in shown.items()}
+
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """Return the place of each frame."""
+        return {frame.id: place for place, frame in enumerate(self.frames)}
+
+    @cached_property
+    def _availability(self) -> dict[str, Mask]:
+        return {}
+
+    def _shown(self, condition: str) -> Mask:
+        """Return which frames can be shown under a condition."""
+        if condition not in self._availability:
+            each = (is_available(condition, frame) for frame in self.frames)
+            self._availability[condition] = np.fromiter(each, np.bool_, len(self.frames))
+        return self._availability[condition]
+
+    @cached_property
+    def _in_sample(self) -> dict[str, Mask]:
+        return {
+            name: np.fromiter((frame.id in few for frame in self.frames), np.bool_, len(self.frames))
+            for name, few in self._sampled.items()
+        }
+
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
         prompt, asked = self.prompt.key, self.asked(model)
@@ -198,6 +233,21 @@ class MotionPlan(Plan):
                         key = CallKey(self.study, model, prompt, frame.id, condition, repeat)
                         if self.shard is None or in_shard(key, *self.shard):
                             yield key
+
+
+def cells_of(keys: Iterable[CallKey], places: Mapping[str, int]) -> dict[tuple[str, int], Mask]:
+    """Return of each condition and repeat which frames, by their places, the calls are about."""
+    found: dict[tuple[str, int], Mask] = {}
+    for key in keys:
+        if key.frame in places:
+            cell = (key.condition, key.repeat)
+            found.setdefault(cell, np.zeros(len(places), dtype=np.bool_))[places[key.frame]] = True
+    return found
+
+
+def lacking(wanted: Mapping[tuple[str, int], Mask], have: Mapping[tuple[str, int], Mask]) -> int:
+    """Return how many of the wanted cells are not among others."""
+    return sum(int((cells & ~have[at] if at in have else cells).sum()) for at, cells in wanted.items())
 
 
 def in_order(keys: Iterable[CallKey], seed: int) -> list[CallKey]:

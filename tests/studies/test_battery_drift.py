@@ -21,7 +21,7 @@ from eyechart.studies import battery as study
 from eyechart.studies.battery.answers import read_answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.paper_statistics import Resampling
-from eyechart.studies.battery.stages import asked_of_model, available_controls
+from eyechart.studies.battery.stages import asked_of_model, available_controls, replied
 from eyechart.verdicts import calibrated_rules, judge
 
 pytestmark = pytest.mark.slow
@@ -102,7 +102,7 @@ def followed(plan: Plan, may: tuple[str, ...], rule: Rule) -> tuple[list[tuple[C
     while fresh:
         for key in fresh:
             replies.append((key, level(rule(len(replies) / most, key, rng))))
-        progress = asked_of_model(plan, model, replies, may)
+        progress = asked_of_model(plan, model, replied(replies, plan, model), may)
         stage = replace(plan, conditions=progress.open).keys_of(model)
         fresh = in_order(stage, key_seed("stage", plan.seed, model, *progress.open))
     return replies, progress.controls

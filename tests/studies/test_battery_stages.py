@@ -397,7 +397,8 @@ def test_what_an_older_version_asked_of_the_absent_lead_is_finished(
         replies = list(ledger.replies(BLIND))
     older = [reply for reply in replies if reply[0].condition != "real_again"]
     for given, judged in ((replies, ("lead_absent", "real_again")), (older, ("lead_absent",))):
-        progress = stages.asked_of_model(made.plan, BLIND, given, may)
+        progress = stages.asked_of_model(made.plan, BLIND, stages.replied(given, made.plan, BLIND), may)
         assert (progress.judged, progress.open, progress.ended) == (judged, (), True)
     cut = [reply for reply in older if reply[0].condition != "lead_absent"] + older[-1:]
-    assert stages.asked_of_model(made.plan, BLIND, cut, may).open == ("lead_absent", "real_again")
+    came = stages.replied(cut, made.plan, BLIND)
+    assert stages.asked_of_model(made.plan, BLIND, came, may).open == ("lead_absent", "real_again")

@@ -13,12 +13,11 @@ import stand_ins
 from eyechart import models
 from eyechart.calls import Query, Reply, read_in
 from eyechart.cli.app import app
-from eyechart.costs import Book
+from eyechart.costs import accounts_of
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
-from eyechart.ledger import Ledger
+from eyechart.ledger import Ledger, columns_of
 from eyechart.manifest import LEDGER, read_run
-from eyechart.models.prices import read_prices
 from eyechart.modes import RequestMode
 from eyechart.prompts import PROMPTS
 from eyechart.spaces.discrete import DRIVING
@@ -228,7 +227,7 @@ def cells_of(model: str, **p: float | None) -> list[prompts.CellScore]:
                 "distinct_outputs": one if found is None else several,
             },
             holm={"mutual_information": found, "obstacle": None, "cramers_v_real_blank": 0.9},
-            took=Book(RequestMode(model), read_in(DRIVING), read_prices()).accounts()["all"],
+            took=accounts_of(columns_of((), read_in(DRIVING)), model, None)["all"],
             guards=(),
         )
         for name, found in p.items()

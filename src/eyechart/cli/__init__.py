@@ -51,8 +51,10 @@ _READING = frozenset(
     | {"validate", "verdict"}
 )
 """The commands that call no model: eyechart's own arithmetic is the only one."""
-_MADE = 100_000
-"""New objects before the garbage collector runs; Python's 700 would run it too often."""
+_MADE, _READ = 100_000, 1_000_000
+"""New objects before the garbage collector runs; Python's 700 would run it too often.
+
+The modules of a command alone are a hundred thousand; one that reads makes few circles after them."""
 
 _CLOSED = (
     "eyechart: the called code closed files that are not its own: correct that code and give the same command "
@@ -93,12 +95,12 @@ def _command() -> None:
         _open_what_is_closed()
         _print_what_can_be()
         _say_what_is_missing()
-        gc.set_threshold(_MADE)
+        gc.set_threshold(_READ if _READING & set(sys.argv[1:2]) else _MADE)
         _keep_to_one_thread()
-        from eyechart.cli.app import app
+        from eyechart.cli.app import named
 
         try:
-            app(prog_name="eyechart")
+            named(sys.argv[1:])(prog_name="eyechart")
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:

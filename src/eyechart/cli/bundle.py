@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
+from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps, read_steps
 from eyechart.cli.terminal import patience, print_json, print_line, processors, say
 from eyechart.errors import SpecError
 
@@ -18,13 +18,14 @@ def report(
     ],
     out: Annotated[Path, typer.Option(help="HTML file to write.")],
     frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; repeat for more.")] = None,
-    figures: Annotated[Path | None, typer.Option(help="Folder for each figure as SVG and PDF.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for the figures, each as SVG and as PDF.")] = None,
     tables: Annotated[Path | None, typer.Option(help="Folder for the tables: CSV, Markdown, LaTeX.")] = None,
     prices: PriceFile = None,
     independent: Independent = False,
     reread: Reread = False,
     against: Against = None,
     step: Steps = None,
+    fresh: Fresh = False,
 ) -> None:
     """Write one HTML page with verdicts, figures, statistics and every reply.
 
@@ -52,7 +53,7 @@ def report(
         told = ", ".join(f"{run} of {study.runs_are}" for run, study in zip(runs, studies, strict=True))
         raise SpecError(f"a report needs runs of one kind ({told}): make one report for each kind")
     priced = None if prices is None else read_prices(prices)
-    reading = ReadOptions(independent, reread, against, steps=read_steps(step, studies), prices=priced)
+    reading = ReadOptions(independent, reread, against, steps=read_steps(step, studies), fresh=fresh, prices=priced)
     with patience("report") as tell:
         if studies:
             made = studies[0].report(runs, frames or [], reading, tell)

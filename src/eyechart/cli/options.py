@@ -48,6 +48,7 @@ Independent = Annotated[
 Reread = Annotated[
     bool, typer.Option("--reread", help="Read again the replies that another version of the reader read.")
 ]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Read the run anew, whatever was kept of an earlier reading.")]
 Steps = Annotated[
     list[str] | None,
     typer.Option("--step", metavar="SPEC=N", help="For policies: the training step of a checkpoint; repeat for more."),
@@ -162,7 +163,10 @@ class RequestOptions(EndpointOptions):
     """How to ask models without a mode file."""
 
     max_tokens: Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")] = None
-    json_mode: Annotated[str | None, typer.Option(help="none, json_object, json_schema or tool_call.")] = None
+    json_mode: Annotated[
+        str | None,
+        typer.Option(help="How JSON is required of the server: none, json_object, json_schema or tool_call."),
+    ] = None
 
 
 ADDRESSED = EndpointOptions()

@@ -1,16 +1,22 @@
 """Commands that read runs and change nothing."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eyechart.cli.options import Against, Independent, Json, PriceFile, Reread, Steps, read_steps
-from eyechart.cli.terminal import print_each, print_json, print_line, say
+from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps, read_steps
+from eyechart.cli.terminal import as_read, print_each, print_json, print_line, print_read, say
 from eyechart.errors import SpecError
+from eyechart.kept import kept
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from eyechart.models.prices import Prices
+    from eyechart.report.table import Table
     from eyechart.stats.statistic import Statistic
+    from eyechart.studies import Study
 
 _HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
@@ -23,34 +29,49 @@ def score(
     independent: Independent = False,
     reread: Reread = False,
     against: Against = None,
+    fresh: Fresh = False,
 ) -> None:
     """Print the statistics of a run with interval, n and p.
 
     By default these are the ones that decided the verdict or kept it from a stronger one, and the
     main ones. --json says how each was found. Example: eyechart score run --all
     """
-    from eyechart.studies import ReadOptions, Study, study_of
 
-    study = study_of(run, "score" if against is None else "score --against")
-    scored = study.score(run, ReadOptions(independent, reread, against))
+    def read() -> object:
+        from eyechart.studies import ReadOptions, Study, study_of
+
+        study = study_of(run, "score" if against is None else "score --against")
+        scored = study.score(run, ReadOptions(independent, reread, against))
+        if json:
+            return scored.as_dict()
+        shown = study.printed(scored) if every else study.brief(scored)
+        more = not every and type(study).brief is not Study.brief
+        return {"shown": as_read(shown, 160 if every else None, names=study.models(run)), "more": more}
+
+    asked = ["score", json, every, independent, reread, against]
+    found = kept(run, asked, read, fresh=fresh)
     if json:
-        print_json(scored.as_dict())
+        print_json(found)
         return
-    print_each(study.printed(scored) if every else study.brief(scored), 160 if every else None, names=study.models(run))
-    if not every and type(study).brief is not Study.brief:
+    print_read(found["shown"])
+    if found["more"]:
         say(f"every statistic: 'eyechart score {run} --all'; the method of each: --json")
 
 
-def verdict(run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False) -> None:
+def verdict(
+    run: _Run, json: Json = False, independent: Independent = False, reread: Reread = False, fresh: Fresh = False
+) -> None:
     """Print every model's verdict and what decided it. Example: eyechart verdict run."""
-    from eyechart.studies import ReadOptions, study_of
 
-    study = study_of(run, "verdict")
-    scored = study.score(run, ReadOptions(independent, reread))
-    if json:
-        print_json(study.verdict_json(scored))
-    else:
-        print_each(study.verdict_printed(scored), names=study.models(run))
+    def read() -> object:
+        from eyechart.studies import ReadOptions, study_of
+
+        study = study_of(run, "verdict")
+        scored = study.score(run, ReadOptions(independent, reread))
+        return study.verdict_json(scored) if json else as_read(study.verdict_printed(scored), names=study.models(run))
+
+    found = kept(run, ["verdict", json, independent, reread], read, fresh=fresh)
+    print_json(found) if json else print_read(found)
 
 
 def costs(
@@ -61,6 +82,7 @@ def costs(
         bool, typer.Option("--unread", help="List the replies without a decision, and count them.")
     ] = False,
     json: Json = False,
+    fresh: Fresh = False,
 ) -> None:
     """Print the calls of a run by model: attempts, outcomes, tokens, dollars, seconds, joules.
 
@@ -69,31 +91,41 @@ def costs(
     decision; for policies, the faults of their answers and their errors. Example: eyechart costs
     run --all --json
     """
-    from eyechart.models.prices import read_prices
-    from eyechart.records import plain
-    from eyechart.studies import ReadOptions, study_of
 
-    study = study_of(run)
-    if json:
-        listed = {"unread": plain(study.unread(run))} if unread else study.took(run, read_prices(prices)).as_dict()
-        print_json(listed)
-        return
-    from eyechart.report.accounts import costs_table, unread_table
+    def read() -> object:
+        from eyechart.models.prices import read_prices
+        from eyechart.records import plain
+        from eyechart.studies import study_of
 
-    if unread:
-        print_each([unread_table(study.unread(run))], names=study.models(run))
-        return
-    priced = read_prices(prices)
-    took = study.took(run, priced)
-    each = study.deployment([run], ReadOptions(prices=priced), {run: took})
-    lines = [] if took.accounts else ["no model was asked: policies and worlds take no calls"]
-    lines += [f"the probe of {spec} before the run also took: {probe.words}" for spec, probe in took.probes.items()]
-    for spec, found in took.guards.items():
-        lines += [f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found]
+        study = study_of(run)
+        if unread and json:
+            return {"unread": plain(study.unread(run))}
+        if json:
+            return study.took(run, read_prices(prices)).as_dict()
+        from eyechart.report.accounts import unread_table
+
+        shown = [unread_table(study.unread(run))] if unread else _costs_printed(study, run, read_prices(prices), every)
+        return as_read(shown, None if unread else 160, names=study.models(run))
+
+    asked = ["costs", json, every, unread]
+    found = kept(run, asked, read, fresh=fresh, beside=[] if prices is None else [prices])
+    print_json(found) if json else print_read(found)
+
+
+def _costs_printed(study: "Study[Any]", run: Path, prices: "Prices", every: bool) -> "Iterator[Table | str]":
+    """Yield what a run's calls took, what decisions cost, and the guards."""
+    from eyechart.report.accounts import costs_table
+    from eyechart.studies import ReadOptions
+
+    took = study.took(run, prices)
+    each = study.deployment([run], ReadOptions(prices=prices), {run: took})
     tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
-    print_each(
-        [*(table.known() if study.callables else table for table in tables), *lines], 160, names=study.models(run)
-    )
+    yield from (table.known() if study.callables else table for table in tables)
+    if not took.accounts:
+        yield "no model was asked: policies and worlds take no calls"
+    yield from (f"the probe of {spec} before the run also took: {probe.words}" for spec, probe in took.probes.items())
+    for spec, found in took.guards.items():
+        yield from (f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found)
 
 
 def gate(
@@ -123,6 +155,7 @@ def gate(
     json: Json = False,
     independent: Independent = False,
     reread: Reread = False,
+    fresh: Fresh = False,
 ) -> None:
     """Check a run against your requirements.
 
@@ -132,38 +165,48 @@ def gate(
     is a check.
     Example: eyechart gate run --require depth,swaps --junit gate.xml
     """
-    from eyechart.destination import require_free, whole
-    from eyechart.gate import read_requirements
     from eyechart.report.short_names import shortener
-    from eyechart.studies import ReadOptions, study_of
 
-    study = study_of(run, "gate")
-    wanted = read_requirements(require or study.required, study.requirements)
     if junit is not None:
+        from eyechart.destination import require_free
+
         require_free(junit, "JUnit file")
-    score = study.score(run, ReadOptions(independent, reread))
-    held = study.gate(
-        score,
-        wanted,
-        order=order,
-        max_unparsed=max_unparsed,
-        allow_fingerprints=allow_fingerprints,
-        made_elsewhere=made_elsewhere,
-        evidence=evidence,
-    )
+
+    def read() -> object:
+        from eyechart.gate import read_requirements
+        from eyechart.studies import ReadOptions, study_of
+
+        study = study_of(run, "gate")
+        wanted = read_requirements(require or study.required, study.requirements)
+        score = study.score(run, ReadOptions(independent, reread))
+        held = study.gate(
+            score,
+            wanted,
+            order=order,
+            max_unparsed=max_unparsed,
+            allow_fingerprints=allow_fingerprints,
+            made_elsewhere=made_elsewhere,
+            evidence=evidence,
+        )
+        lines = [f"{_HELD[one.holds]:<10}  {one.model}  {one.requirement}: {one.because}" for one in held.checks]
+        said = held.as_dict()
+        return {"said": said, "lines": lines, "junit": held.junit().decode(), "models": study.models(run)}
+
+    asked = ["gate", require, order, max_unparsed, allow_fingerprints, made_elsewhere, evidence, independent, reread]
+    found = kept(run, asked, read, fresh=fresh)
     if json:
-        print_json(held.as_dict())
+        print_json(found["said"])
     else:
-        short = shortener(study.models(run))
-        for check in held.checks:
-            print_line(short(f"{_HELD[check.holds]:<10}  {check.model}  {check.requirement}: {check.because}"))
-        if not held.checks:
-            print_line("cannot say: the run holds no model")
+        short = shortener(found["models"])
+        for line in found["lines"] or ["cannot say: the run holds no model"]:
+            print_line(short(line))
     if junit is not None:
+        from eyechart.destination import whole
+
         with whole(junit, "JUnit file") as partial:
-            partial.write_bytes(held.junit())
-    if held.exit_code:
-        raise typer.Exit(held.exit_code)
+            partial.write_bytes(found["junit"].encode())
+    if found["said"]["exit_code"]:
+        raise typer.Exit(found["said"]["exit_code"])
 
 
 def compare(

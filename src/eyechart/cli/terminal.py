@@ -4,10 +4,10 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -286,29 +286,65 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
             return
         now = time.monotonic()
         rate = (done - begun[0]) / max(now - begun[1], 1e-9)
+        pace = f", {rate:.1f}/s" if rate > 0 else ""
         left = f", {(total - done) / rate:.0f} s left" if rate > 0 and done < total else ""
-        say(f"{what}: {done}/{total} {unit}, {rate:.1f}/s{left}")
+        say(f"{what}: {done}/{total} {unit}{pace}{left}")
 
     return move
 
 
 def print_each(what: "Iterable[Table | Text | str]", width: int | None = None, *, names: "Iterable[str]" = ()) -> None:
     """Print tables and lines on standard output; long ``names`` are shortened, each uniquely."""
-    from rich.text import Text
+    print_read(as_read(what, width, names=names))
+
+
+def as_read(
+    what: "Iterable[Table | Text | str]", width: int | None = None, *, names: "Iterable[str]" = ()
+) -> dict[str, Any]:
+    """Return tables and lines as people read them, in plain values that `print_read` prints."""
+    from eyechart.report.table import Table
+
+    parts = [one.as_read() if isinstance(one, Table) else one if isinstance(one, str) else _spans(one) for one in what]
+    return {"width": width, "names": list(names), "parts": parts}
+
+
+def print_read(read: Mapping[str, Any]) -> None:
+    """Print what `as_read` returned on standard output."""
+    from rich.text import Span, Text
 
     from eyechart.report.short_names import shortener
     from eyechart.report.table import Table
 
-    console, short = table_console(width), shortener(names)
-    for one in what:
-        if isinstance(one, Table):
-            console.print(one.renamed(lambda text: _harmless(short(text))), markup=False)
-        elif isinstance(one, Text):
-            shown = one.copy()
-            shown.plain = _plain(short(one.plain))  # keeps the length, so that styles stay in place
-            console.print(shown, markup=False)
+    console, short = table_console(read["width"]), shortener(read["names"])
+    for one in read["parts"]:
+        if isinstance(one, dict):
+            console.print(Table.of_read(one).renamed(lambda text: _harmless(short(text))), markup=False)
+        elif isinstance(one, str):
+            for line in _harmless(short(one)).split("\n"):
+                _print_indented(console, line)
         else:
-            console.print(_harmless(short(one)), markup=False)
+            text = Text(one[0], style=one[1])
+            text.spans = [Span(*span) for span in one[2]]
+            text.plain = _plain(short(one[0]))  # keeps the length, so that styles stay in place
+            console.print(text, markup=False)
+
+
+def _spans(one: "Text") -> list[Any]:
+    """Return a styled line in plain values: its words, their style, and the spans of others."""
+    return [one.plain, str(one.style), [[*span[:2], str(span.style)] for span in one.spans]]
+
+
+def _print_indented(console: "Console", line: str) -> None:
+    """Print a line; what it takes more than the width goes on below, two columns farther in."""
+    from rich.text import Text
+
+    if Text(line).cell_len <= console.width:
+        console.print(line, markup=False)
+        return
+    words = line.lstrip(" ")
+    indent = " " * min(len(line) - len(words), console.width // 2)
+    for place, part in enumerate(Text(words).wrap(console, max(1, console.width - len(indent) - 2))):
+        console.print(f"{indent}{'  ' if place else ''}{part.plain.rstrip()}", markup=False)
 
 
 def table_console(width: int | None = None) -> "Console":

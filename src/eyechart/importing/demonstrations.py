@@ -431,12 +431,12 @@ def _rate_in(file: Hdf5Group) -> float | None:
 
 
 def _rate(found: set[float | None], given: float | None, folder: Path) -> float:
-    """Return the frames a second; raises SourceError if neither all files nor the user say it."""
+    """Return the number of frames per second; raises SourceError if neither all files nor the user say it."""
     rates = {one for one in found if one is not None}
     if given is None and (len(rates) != 1 or None in found):
         has = ", ".join(f"{one:g}" for one in sorted(rates))
         has = f"the files have {has}{', and some have none' * (None in found)}" if rates else "the files do not have it"
-        raise SourceError(f"{folder}: give the frames a second with --rate ({has}); the ALOHA of ACT records 50")
+        raise SourceError(f"{folder}: give the frames per second as --rate N ({has}); the ALOHA of ACT records 50")
     rate = next(iter(rates)) if given is None else float(given)
     if not SLOWEST <= rate <= FASTEST:
         raise SourceError(f"{folder}: {rate:g} frames a second is not a camera's rate")

@@ -6,9 +6,21 @@ removed. If a call has several final replies, the last one counts. A counter bes
 when written rows are missing.
 """
 
+from eyechart.ledger.columns import TEXTS_KEPT, Attempts, columns_of
 from eyechart.ledger.ledger import Ledger
 from eyechart.ledger.loss import accept_loss
 from eyechart.ledger.rows import AGAIN, UNKNOWN, Attempt, SentAttempt
 from eyechart.ledger.schema import SINCE_FORMAT_3
 
-__all__ = ["AGAIN", "SINCE_FORMAT_3", "UNKNOWN", "Attempt", "Ledger", "SentAttempt", "accept_loss"]
+__all__ = [
+    "AGAIN",
+    "SINCE_FORMAT_3",
+    "TEXTS_KEPT",
+    "UNKNOWN",
+    "Attempt",
+    "Attempts",
+    "Ledger",
+    "SentAttempt",
+    "accept_loss",
+    "columns_of",
+]

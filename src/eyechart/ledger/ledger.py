@@ -9,8 +9,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from eyechart.calls import UNFINISHED, CallKey, Reply
+from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Reply
 from eyechart.errors import LedgerError, MissingCallsWarning, counted, is_full, printable, why
+from eyechart.ledger.columns import Attempts, UnsoundError, read_columns
 from eyechart.ledger.counter import NOTHING, WrittenCounts, counting, is_alone, read_counter
 from eyechart.ledger.rows import (
     AGAIN,
@@ -86,6 +87,9 @@ class Ledger:
     Raises LedgerError if the file is missing (without ``create``), is empty, is no plain ledger, or
     is damaged; always before anything is appended.
     """
+
+    _digest: str | None = None
+    """That of the copy that is read; None for a file that is read in place."""
 
     def __init__(
         self, path: Path, *, create: bool = False, absent: bool = False, sound: bool = True, accepting: bool = False
@@ -313,6 +317,27 @@ class Ledger:
             number, reason, digest, sent_at, came = row[OF_KEY : OF_KEY + 5]
             reply = None if came is None else Reply(*row[OF_KEY + 5 :])
             yield SentAttempt(CallKey(*row[:OF_KEY]), number, reason, reply, digest, bool(came), sent_at)
+
+    def columns(self, read: DecisionReader | None = None, *, by_frame: bool = True) -> Attempts:
+        """Return every attempt as columns, in one pass that also checks the rows if nothing has.
+
+        ``read`` reads the decision of a reply, or none is read; ``by_frame`` says that it depends on
+        the frame.
+        Raises LedgerError where a row is damaged.
+        """
+        check, decode = self._digest not in _TAKEN, self._sql.text_factory
+        self._sql.text_factory = str  # twice as fast, and fails at text that only damage makes
+        try:
+            with suppress(UnsoundError, sqlite3.OperationalError):
+                found = read_columns(self._sql, read, by_frame=by_frame, check=check)
+                self.take()
+                return found
+        finally:
+            self._sql.text_factory = decode
+        if check:
+            require_sound(self._sql, self.path)
+            self.take()
+        return read_columns(self._sql, read, by_frame=by_frame, check=False)
 
     def requests(self, model: str) -> Iterator[tuple[CallKey, str]]:
         """Yield each distinct request of a model's calls by its digest, in the order of sending.

@@ -74,7 +74,7 @@ def checksum(values: tuple[object, ...]) -> str:
     ``values`` are the call's key, the attempt's reason, request and time, and the row without row
     ids.
     """
-    return hashlib.sha256(_pack(values)).hexdigest()
+    return hashlib.sha256(pack(values)).hexdigest()
 
 
 def now() -> str:
@@ -97,4 +97,4 @@ _PUT: tuple[Callable[[Any], object], ...] = tuple(
     _real if field.type == float | None else int if field.type == int | None else encodable for field in fields(Reply)
 )
 """The conversion of each Reply field to a value that SQLite stores and returns unchanged."""
-_pack = msgpack.Encoder(enc_hook=str).encode  # a subclass of str is stored as text
+pack = msgpack.Encoder(enc_hook=str).encode  # a subclass of str is stored as text

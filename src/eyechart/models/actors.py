@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,8 +40,13 @@ class ActorPool:
             spec: PooledModel(modes[spec], answering, model.version, dict(model.facts), self)
             for spec, model in models.items()
         }
-        for one in held.values():
-            one.open()
+        try:
+            for one in held.values():
+                one.open()
+        except BaseException:
+            for one in held.values():
+                one.end()
+            raise
         return held
 
 
@@ -50,7 +56,9 @@ class PooledModel:
     Queries of a model with a ``batch`` are collected here, and each batch goes to one actor whole.
     The ``batch`` in its facts is that of all actors, so that a run opens enough calls. An actor
     that dies costs the calls that it had under way: they are attempts that failed, and the run
-    makes them again on a new actor.
+    makes them again on a new actor. Until that one has opened the model, calls go to the others.
+    If no actor has opened it in `OPENING_S`, as where the GPUs went with a node, the model counts
+    as missing.
     """
 
     def __init__(
@@ -68,15 +76,20 @@ class PooledModel:
         self._start()
         for one in self._actors:
             try:
-                found = ray.get(one.handle.version.remote(), timeout=OPENING_S)
+                found = one.version.result(timeout=OPENING_S)
+            except TimeoutError as error:
+                raise SpecError(f"{self._unopened}: do other jobs hold its GPUs?") from error
             except ray.exceptions.RayError as error:
                 raise SpecError(f"a worker of the cluster did not open {self._mode.spec}: {_first(error)}") from error
             if found != self.version:
-                self._end()
                 raise SpecError(
                     f"a worker of the cluster has {self._mode.spec} as {found}, and this machine as {self.version}: "
                     "all nodes need the same files and the same eyechart"
                 )
+
+    @property
+    def _unopened(self) -> str:
+        return f"no node of the cluster opened {self._mode.spec} in a worker within {OPENING_S:g} s"
 
     async def answer(self, query: Query) -> Reply:
         """Answer one query by an actor; an actor's death is a failure that may pass."""
@@ -85,11 +98,15 @@ class PooledModel:
     async def _replies(self, queries: Sequence[Query]) -> Sequence[Reply]:
         """Answer queries by one actor, as a batch of its model."""
         self._start()
-        one = min(self._actors, key=lambda each: each.under_way)
+        one = min(self._actors, key=lambda each: (not each.is_open, each.under_way))
         one.under_way += len(queries)
         ray = join()
         try:
+            if not one.is_open:
+                await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(one.version)), OPENING_S)
             replies: Sequence[Reply] = await one.handle.answer.remote(queries)
+        except TimeoutError:
+            return [Reply(error="missing_model", error_detail=self._unopened)] * len(queries)
         except ray.exceptions.RayError as error:
             if one in self._actors:  # the first call that it fails replaces it
                 self._actors[self._actors.index(one)] = self._new()
@@ -100,7 +117,7 @@ class PooledModel:
 
     async def close(self) -> None:
         """End the actors; the next call starts new ones."""
-        self._end()
+        self.end()
 
     def _start(self) -> None:
         while len(self._actors) < self._workers.count:
@@ -108,9 +125,11 @@ class PooledModel:
 
     def _new(self) -> "_PooledActor":
         given = (self._mode, self._answering, self.version)
-        return _PooledActor(actor(_ModelActor, *given, gpus=self._workers.gpus))
+        made = actor(_ModelActor, *given, gpus=self._workers.gpus)
+        return _PooledActor(made, made.version.remote().future())
 
-    def _end(self) -> None:
+    def end(self) -> None:
+        """End the actors."""
         ray = join()
         while self._actors:
             ray.kill(self._actors.pop().handle)
@@ -118,8 +137,16 @@ class PooledModel:
 
 @dataclass(eq=False, slots=True)
 class _PooledActor:
+    """An actor, the version that it will say once it has opened its model, and its calls under way."""
+
     handle: Any
+    version: "Future[str]"
     under_way: int = field(default=0)
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether it has opened its model, or died."""
+        return self.version.done()
 
 
 class _ModelActor:

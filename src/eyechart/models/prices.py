@@ -4,6 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eyechart.calls import Reply
 from eyechart.errors import SpecError
 from eyechart.modes import RequestMode, is_address, plain_address
@@ -11,6 +14,7 @@ from eyechart.spaces.discrete import read_toml
 
 _TABLE = Path(__file__).with_name("prices.toml")
 _MILLION = 1_000_000
+Floats = NDArray[np.float64]
 OWN_MACHINE = ("scripted", "hf", "ollama")
 """Adapters without a bill: their calls cost time and energy only."""
 
@@ -60,17 +64,31 @@ class Prices:
 
         The cost of a failure without tokens is unknown, not 0.
         """
-        return cost_at(self.of(mode), reply)
+        price = self.of(mode)
+        if reply.cost_usd is not None:
+            return reply.cost_usd, "reported"
+        if price is not None and not price.date:
+            return 0.0, "own machine"
+        known = None if price is None else price.of(reply)
+        return known, "unknown" if known is None else "priced"
 
 
-def cost_at(price: Price | None, reply: Reply) -> tuple[float | None, str]:
-    """Return what `Prices.cost` does, at the price of the reply's model."""
-    if reply.cost_usd is not None:
-        return reply.cost_usd, "reported"
+def costs_at(
+    price: Price | None, reported: Floats, tokens_in: Floats | None, tokens_out: Floats | None
+) -> tuple[Floats, dict[str, int]]:
+    """Return the costs of replies, NaN where unknown, and how many were found in which way.
+
+    They follow as in `Prices.cost`, at one model's ``price``, from reported costs and tokens, NaN
+    where unreported.
+    """
+    cost, left = reported.copy(), np.isnan(reported)
     if price is not None and not price.date:
-        return 0.0, "own machine"
-    known = None if price is None else price.of(reply)
-    return known, "unknown" if known is None else "priced"
+        cost[left] = 0.0
+    elif price is not None and tokens_in is not None and tokens_out is not None:
+        cost[left] = (price.input * tokens_in[left] + price.output * tokens_out[left]) / _MILLION
+    found, unknown = int(left.sum()), int(np.isnan(cost).sum())
+    way = "own machine" if price is not None and not price.date else "priced"
+    return cost, {"reported": len(cost) - found, way: found - unknown, "unknown": unknown}
 
 
 _MOST = 1e6

@@ -9,11 +9,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from markupsafe import Markup
 
-from eyechart.destination import write_files
 from eyechart.stats.statistic import Statistic, UpperBound, percent
 
 if TYPE_CHECKING:
@@ -25,8 +24,8 @@ Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 
 _UNKNOWN = frozenset({"", "—", "unknown", "not measured"})
 """Texts of a cell with an unknown value."""
-_COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)")
-"""A command that is quoted in a sentence, or an option."""
+_COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)|`([^`\n]+)`")
+"""A command that is quoted in a sentence, an option, or a name in backticks."""
 
 MARK = "!"
 """The mark of a verdict whose run failed a sanity check; the check is explained below the table."""
@@ -248,6 +247,24 @@ class Table:
         rows = tuple(tuple(map(made, row)) for row in self.rows)
         return replace(self, caption=short(self.caption), columns=named, rows=rows, note=short(self.note))
 
+    def as_read(self) -> dict[str, Any]:
+        """Return the table as people read it, in plain values from which `of_read` makes it again."""
+        tones = [[cell.tone if isinstance(cell, Mark) else "" for cell in row] for row in self.rows]
+        shown = [[column.shown(cell) for cell, column in zip(row, self.columns, strict=True)] for row in self.rows]
+        heads = [[one.name, one.kind, one.varies] for one in self.columns]
+        said = {"name": self.name, "caption": self.caption, "note": self.note, "about": self.about}
+        return {**said, "columns": heads, "texts": shown, "tones": tones}
+
+    @classmethod
+    def of_read(cls, read: Mapping[str, Any]) -> "Table":
+        """Return a table of texts for a terminal, from what `as_read` returned."""
+        rows = tuple(
+            tuple(Mark(text, tone) if tone else text for text, tone in zip(texts, tones, strict=True))
+            for texts, tones in zip(read["texts"], read["tones"], strict=True)
+        )
+        heads = tuple(Column(name, kind, varies=varies) for name, kind, varies in read["columns"])
+        return cls(read["name"], read["caption"], heads, rows, note=read["note"], about=read["about"])
+
     def texts(self) -> list[list[str]]:
         """Return every cell as people read it, without control characters."""
         return [[_plain(column.shown(c)) for c, column in zip(row, self.columns, strict=True)] for row in self.rows]
@@ -426,6 +443,8 @@ def files_of(tables: Sequence[Table]) -> dict[str, bytes]:
 
 def write_tables(tables: Sequence[Table], folder: Path) -> list[Path]:
     """Write tables in all forms; return the files. Raises OutputError as `write_files` does."""
+    from eyechart.destination import write_files  # noqa: PLC0415 - a table on a terminal needs no files
+
     return write_files(files_of(tables), folder)
 
 
@@ -442,7 +461,7 @@ def marked(name: str, marks: Iterable[str]) -> Iterator[str]:
 
 def number(value: float | None, digits: int = 3) -> str:
     """Return a number as text; None is a dash."""
-    return "—" if value is None else f"{value:.{digits}f}"
+    return "—" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no negative zero
 
 
 def p_value(p: float | None) -> str:
@@ -488,11 +507,15 @@ def _plain_sign(sign: str) -> str:
 
 
 def coded(text: str) -> Markup:
-    """Return a sentence as HTML; its commands are code that breaks only between words."""
+    """Return a sentence as HTML; names and commands are code, and these break only between words."""
     made, end = "", 0
     for found in _COMMAND.finditer(text):
-        words = "".join(f"<span>{escape(word)}</span> " for word in (found[1] or found[2]).split()).rstrip()
-        made += f'{escape(text[end : found.start()])}<code class="command">{words}</code>'
+        made += escape(text[end : found.start()])
+        if found[3]:
+            made += f"<code>{escape(found[3])}</code>"
+        else:
+            words = "".join(f"<span>{escape(word)}</span> " for word in (found[1] or found[2]).split()).rstrip()
+            made += f'<code class="command">{words}</code>'
         end = found.end()
     return Markup(made + escape(text[end:]))  # noqa: S704 - every word was escaped just now
 

@@ -25,12 +25,12 @@ from typing import Any
 from aiohttp import web
 
 from eyechart.calls import DecisionReader
-from eyechart.costs import ALL, Account, Book
+from eyechart.costs import ALL, Account, accounts_of
 from eyechart.errors import EyechartError, printable
 from eyechart.integrity import ServedChecks
-from eyechart.ledger import Ledger, SentAttempt
+from eyechart.ledger import Attempts, Ledger, SentAttempt, columns_of
 from eyechart.manifest import LEDGER, RUN, EpisodesManifest, RunManifest
-from eyechart.models.prices import Prices
+from eyechart.models.prices import Price, Prices
 from eyechart.serve.connections import Connections
 from eyechart.serve.host_names import HostNames
 from eyechart.spaces.space import AnySpace
@@ -176,9 +176,9 @@ class LiveRun:
             manifest, space, read = self._manifest(study, run)
             with Ledger(run / LEDGER, sound=False) as ledger:
                 for spec in manifest.models:
-                    book = Book(manifest.mode(spec), read, self.prices)
                     name = f"{spec} in {part}" if part else spec
-                    yield _asked(name, ledger.attempts(spec), book, space, read)
+                    sent, price = list(ledger.attempts(spec)), self.prices.of(manifest.mode(spec))
+                    yield _asked(name, sent, columns_of(sent, read), price, space)
 
     def _manifest(self, study: Study[Any], run: Path) -> _RunReading:
         """Return a run's manifest, space and reader, read again only after a change."""
@@ -227,14 +227,15 @@ def _section(model: LiveModel) -> str:
     return f"<section><h2><bdi>{escape(model.name)}</bdi></h2><p>{escape(model.words)}</p>{amiss}{table}</section>"
 
 
-def _asked(name: str, attempts: Iterator[SentAttempt], book: Book, space: AnySpace, read: DecisionReader) -> LiveModel:
-    served, decisions, first, empty, replies = ServedChecks(), Counter[str](), list[LiveAnswer](), 0, 0
-    for attempt in attempts:
-        book.add(attempt)
-        served.add(attempt)
+def _asked(
+    name: str, sent: Sequence[SentAttempt], attempts: Attempts, price: Price | None, space: AnySpace
+) -> LiveModel:
+    decisions, first, empty, replies = Counter[str](), list[LiveAnswer](), 0, 0
+    model = sent[0].key.model if sent else name
+    for attempt, place in zip(sent, attempts.decision.tolist(), strict=True):
         if attempt.reply is None:
             continue
-        found = read(attempt.key, attempt.reply)
+        found = attempts.decisions[place]
         said = space.symbol(found.action) if found.action is not None else f"no decision ({found.why or found.missing})"
         replies += attempt.reply.error is None
         empty += attempt.reply.error is None and not attempt.reply.text.strip()
@@ -242,8 +243,8 @@ def _asked(name: str, attempts: Iterator[SentAttempt], book: Book, space: AnySpa
         if len(first) < FIRST:
             words = attempt.reply.text or attempt.reply.error_detail or attempt.reply.error or ""
             first.append(LiveAnswer(attempt.key.frame, attempt.key.condition, said, words[:_LONGEST]))
-    account = book.accounts()[ALL]
-    amiss = [f"guard 'served': {guard.because}" for guard in served.guards() if guard.holds is False]
+    account, served = accounts_of(attempts, model, price)[ALL], ServedChecks(attempts, model).guards()
+    amiss = [f"guard 'served': {guard.because}" for guard in served if guard.holds is False]
     amiss += [f"{empty} of {replies} replies are empty"] if empty else []
     amiss += [f"{count} requests failed: {kind}" for kind, count in account.errors.items()]
     silent = sum(account.missing.values())

@@ -93,13 +93,30 @@ def _by_likelihood(hits_of: tuple[float, ...], frames: tuple[float, ...], effect
 
     The cache serves counts that recur: of several conditions, and of a run scored again.
     """
+    likelihood, points, coarse, top, most = _peak(hits_of, frames, effective)
+    least = most - cut / 2
+    below, above = points[(points < top) & (coarse < least)], points[(points > top) & (coarse < least)]
+    inside = np.array([top, top])
+    outside = np.array([below.max(initial=points[0]), above.min(initial=points[-1])])
+    for _ in range(20):
+        middle = (inside + outside) / 2
+        within = likelihood(middle) >= least
+        inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
+    low, high = (float(rate) for rate in np.sin(outside) ** 2)
+    return low, high
+
+
+@lru_cache(maxsize=4096)
+def _peak(
+    hits_of: tuple[float, ...], frames: tuple[float, ...], effective: float
+) -> tuple[Callable[[Floats], Floats], Floats, Floats, float, float]:
+    """Return the log likelihood of rates, sin² of angles; some angles with theirs; and the largest with its place."""
     k, n = np.array(hits_of), np.array(frames)
     weight = n / n.sum() * effective
     beyond = -_rising(n, weight)(_CONCENTRATION) + _PRIOR
     hits, others = _rising(k, weight), _rising(n - k, weight)
 
     def likelihood(angle: Floats) -> Floats:
-        """Return the log likelihood of the rates sin² of some angles."""
         one, other = (part**2 * _CONCENTRATION for part in (np.sin(angle)[:, None], np.cos(angle)[:, None]))
         together = hits(one) + others(other) + beyond
         return np.asarray(np.logaddexp.reduce(together, axis=1))
@@ -111,16 +128,26 @@ def _by_likelihood(hits_of: tuple[float, ...], frames: tuple[float, ...], effect
         near = np.clip(top + step * np.linspace(-1, 1, 9), points[0], points[-1])
         found = likelihood(near)
         top, step = near[found.argmax()], step / 4
-    least = found.max() - cut / 2
-    below, above = points[(points < top) & (coarse < least)], points[(points > top) & (coarse < least)]
-    inside = np.array([top, top])
-    outside = np.array([below.max(initial=points[0]), above.min(initial=points[-1])])
-    for _ in range(20):
-        middle = (inside + outside) / 2
-        within = likelihood(middle) >= least
-        inside, outside = np.where(within, middle, inside), np.where(within, outside, middle)
-    low, high = (float(rate) for rate in np.sin(outside) ** 2)
-    return low, high
+    return likelihood, points, coarse, float(top), float(found.max())
+
+
+def _side_of_half(hits: npt.ArrayLike, frames: npt.ArrayLike, level: float) -> int:
+    """Return on which side of one half the interval of a share over episodes lies; 0 where it holds it.
+
+    It is found without the ends, which take most of the time.
+    """
+    k, n = np.asarray(hits, dtype=np.float64), np.asarray(frames, dtype=np.float64)
+    value, effective = float(k.sum() / n.sum()), float(n.sum() ** 2 / (n**2).sum())
+    if n.max() == 1 or np.ptp(k / n) < 1e-12:
+        ends = share_over_episodes(k, n, level=level).ci
+        assert ends is not None  # there are episodes enough
+        return int(ends[0] > 0.5) - int(ends[1] < 0.5)
+    likelihood, _, _, top, most = _peak(tuple(k.tolist()), tuple(n.tolist()), effective)
+    half = np.pi / 4
+    if float(likelihood(np.array([half]))[0]) >= most - _cut(value, effective, len(n), level) / 2:
+        return 0
+    side = int(top > half) - int(top < half)
+    return side if side * (value - 0.5) > 0 else 0
 
 
 def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
@@ -195,14 +222,12 @@ def median_over_episodes(values: npt.ArrayLike, episodes: npt.ArrayLike, *, leve
     if len(frames) < LEAST_EPISODES:
         return Statistic(value, len(given), method=method, note=FEW, level=level)
 
-    def ends(below: npt.NDArray[np.bool_]) -> tuple[float, float]:
-        result = share_over_episodes(np.bincount(codes, weights=below), frames, level=level).ci
-        assert result is not None  # there are episodes enough
-        return result
+    def side(below: npt.NDArray[np.bool_]) -> int:
+        return _side_of_half(np.bincount(codes, weights=below), frames, level)
 
     known = np.unique(given)
-    lowest = _first(len(known), lambda place: ends(given <= known[place])[1] >= 0.5)
-    beyond = _first(len(known), lambda place: ends(given < known[place])[0] > 0.5)
+    lowest = _first(len(known), lambda place: side(given <= known[place]) >= 0)
+    beyond = _first(len(known), lambda place: side(given < known[place]) > 0)
     low, high = known[min(lowest, len(known) - 1)], known[max(beyond - 1, 0)]
     return Statistic(value, len(given), (min(float(low), value), max(float(high), value)), method=method, level=level)
 

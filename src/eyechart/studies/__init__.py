@@ -17,6 +17,7 @@ from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.records import parse_json, plain
 from eyechart.spaces.space import AnySpace
+from eyechart.stats.statistic import Statistic, UpperBound
 
 if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs needs no verdicts
     from typing import Unpack
@@ -30,7 +31,6 @@ if TYPE_CHECKING:  # a score needs no terminal and no figures; a list of costs n
     from eyechart.report.charts import Drawing
     from eyechart.report.page import Page, PageSummary
     from eyechart.report.table import Table
-    from eyechart.stats.statistic import Statistic
     from eyechart.verdicts import Label, Ruling, Verdict
 
 Tell = Callable[[str], None]
@@ -80,6 +80,8 @@ class ReadOptions:
     driven: bool = True
     steps: Mapping[str, int] = field(default_factory=dict)
     frames: Sequence[str] = ()
+    fresh: bool = False
+    """Whether a run is read anew, whatever was kept of an earlier reading."""
     prices: Prices | None = None
     """The token prices of the user's own file; None for the built-in table alone."""
 
@@ -144,6 +146,20 @@ class ModelSummary:
     def of(cls, ruling: "Ruling", label: "Label", state: str = "", marks: Sequence[str] = ()) -> "ModelSummary":
         """Return the finding that an index shows for a ruling and its label."""
         return cls(ruling.label, label.family, ruling.decided_by, ruling.statistic, state, marks)
+
+    def as_plain(self) -> dict[str, object]:
+        """Return plain values from which `of_plain` makes it again; of the estimate, what is shown."""
+        one, words = self.estimate, ("label", "tone", "decided_by", "state", "answer")
+        shown = None if one is None else [isinstance(one, UpperBound), one.value, one.n, one.ci, one.p, one.level]
+        return {**{name: getattr(self, name) for name in words}, "marks": [*self.marks], "estimate": shown}
+
+    @classmethod
+    def of_plain(cls, said: Mapping[str, Any]) -> "ModelSummary":
+        """Return the finding that `as_plain` wrote."""
+        bounded, value, n, ci, p, level = said["estimate"] or (False, None, 0, None, None, 0.95)
+        kind = UpperBound if bounded else Statistic
+        one = kind(value, n, None if ci is None else (ci[0], ci[1]), p, level=level)
+        return cls(**{**said, "estimate": one if said["estimate"] else None})
 
 
 NO_VERDICT = ModelSummary("no verdict", "")

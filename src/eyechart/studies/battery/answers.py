@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.frames import Frame, Gap, Provenance
+from eyechart.ledger import Attempts
 from eyechart.run import Plan
 from eyechart.spaces.space import UNPARSED, AnySpace, Decision
 from eyechart.verdicts import DECIDED
@@ -213,14 +214,43 @@ def read_answers(
     Where the bank records no episodes, its gap is read only if the frames were declared
     ``independent``.
     """
-    frames, space, bank, asked = plan.frames, plan.space, plan.bank.manifest, frozenset(plan.asked(model))
+    asked = frozenset(plan.asked(model))
     wanted = ((key, reply) for key, reply in replies if key.condition in asked)
-    decisions, finished = read_columns(wanted, frames, plan.read)
+    return _answers(model, plan, *read_columns(wanted, plan.frames, plan.read), independent=independent, told=told)
+
+
+def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool = False, told: bool = False) -> Answers:
+    """Return what `read_answers` returns, from the attempts of a ledger."""
+    asked, rows = frozenset(plan.asked(model)), attempts.last(model)
+    shown = np.array([name in asked for name in attempts.names["condition"]], dtype=np.bool_)
+    place = attempts.places(plan.places)[attempts.codes["frame"][rows]]
+    kept = shown[attempts.codes["condition"][rows]] & (place >= 0)
+    rows, place = rows[kept], place[kept]
+    conditions, table = attempts.codes["condition"][rows], np.array([*attempts.decisions, None], dtype=object)
+    decisions: dict[str, tuple[Decision[Any] | None, ...]] = {}
+    for code in np.flatnonzero(np.bincount(conditions)).tolist():
+        column = np.full(len(plan.frames), -1)
+        column[place[conditions == code]] = attempts.decision[rows[conditions == code]]
+        decisions[attempts.names["condition"][code]] = tuple(table[column].tolist())
+    finished = len(rows) - int(attempts.error(rows, UNFINISHED).sum())
+    return _answers(model, plan, dict(sorted(decisions.items())), finished, independent=independent, told=told)
+
+
+def _answers(
+    model: str,
+    plan: Plan,
+    decisions: Mapping[str, tuple[Decision[Any] | None, ...]],
+    finished: int,
+    *,
+    independent: bool,
+    told: bool,
+) -> Answers:
+    bank = plan.bank.manifest
     gap, silent = bank.gap, "episode" in bank.absent and not independent
     return Answers(
         model=model,
-        frames=frames,
-        space=space,
+        frames=plan.frames,
+        space=plan.space,
         gap=None if silent else gap,
         decisions=decisions,
         finished=finished,

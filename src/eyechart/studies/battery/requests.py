@@ -1,16 +1,18 @@
 """Compares each call in a ledger, by its digest, with the call that bank, prompt and seed give."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from eyechart.calls import CallKey
 from eyechart.errors import EyechartError, LedgerError, printable
 from eyechart.frames import FrameBank, is_bare
-from eyechart.ledger import Ledger
+from eyechart.ledger import Attempts
 from eyechart.manifest import BANK, RunManifest
 from eyechart.perception.view import NONE, find_view
 from eyechart.run import Plan
@@ -18,38 +20,56 @@ from eyechart.stimuli import Stimuli
 
 FEW = 8
 """The frames compared per condition whose pictures are encoded per call, which is slow."""
+MANY = 5_000
+"""The most frames compared per condition."""
 MOST_BYTES = 200_000_000
 """The most bytes of pictures to compare: making their digests then takes no longer than a score."""
 _OF_BANK = "pictures of the bank"
 
-RequestKeys = Mapping[str, CallKey]
-"""The digests of requests about one frame under one condition, each with its first call."""
+RequestKeys = Mapping[int, CallKey]
+"""The hashed digests of requests about one frame under one condition, each with its first call."""
 
 
-def require_requests(ledger: Ledger, manifest: RunManifest, plan: Plan) -> None:
+def require_requests(ledger: Path, attempts: Attempts, manifest: RunManifest, plan: Plan) -> None:
     """Raise LedgerError for the first call in a ledger whose request differs from the ``plan``.
 
-    Requests without pictures are compared first. Up to 200 MB of pictures follow: all that leave
-    unchanged from the bank, and a few frames of those that are encoded for a call. The latter count
-    only if this machine encodes as the run's did. A validation of the run's bundle compares them
-    all. What cannot be known is passed over: a row without a digest, pictures that are gone or
-    differ, and a view or condition that no longer exists.
+    Requests without pictures are compared first. Up to 200 MB of pictures follow: those that leave
+    unchanged from the bank, of 5000 frames per condition, and a few frames of those that are encoded
+    for a call. The latter count only if this machine encodes as the run's did. A validation of the
+    run's bundle compares them all. What cannot be known is passed over: a row without a digest,
+    pictures that are gone or differ, and a view or condition that no longer exists.
     """
-    asked, held = _asked_in(ledger, plan), _RequestComparison(ledger.path.parent, manifest, plan)
-    for condition, frame in sorted(asked, key=lambda shown: shown[0] != "text_only"):
+    held = _RequestComparison(ledger.parent, manifest, plan)
+    for rows in sorted(_asked_in(attempts, plan), key=lambda rows: attempts.key(rows[0]).condition != "text_only"):
+        keys = {int(attempts.request[row]): attempts.key(row) for row in rows}
+        _, _, _, frame, condition, _ = next(iter(keys.values()))
         with suppress(EyechartError):
-            held.compare(condition, frame, asked[condition, frame])
+            held.compare(condition, frame, keys)
     if held.wrong:
-        raise LedgerError(f"{ledger.path}: {_words(held.wrong)}")
+        raise LedgerError(f"{ledger}: {_words(held.wrong)}")
 
 
-def _asked_in(ledger: Ledger, plan: Plan) -> dict[tuple[str, str], dict[str, CallKey]]:
-    """Return the request digests by condition and frame; a row without a digest is left out."""
-    asked: dict[tuple[str, str], dict[str, CallKey]] = {}
-    for spec in plan.models:
-        for key, digest in ledger.requests(spec):
-            asked.setdefault((key.condition, key.frame), {}).setdefault(digest, key)
-    return asked
+def _asked_in(attempts: Attempts, plan: Plan) -> Iterator[list[int]]:
+    """Yield by frame and condition the first row of each request; a row without a digest is left out.
+
+    They come in the order of the first calls, up to `MANY` frames of a condition.
+    """
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *map(attempts.of, plan.models)])
+    rows = rows[attempts.request[rows] != 0]
+    conditions, frames = (attempts.codes[name][rows].astype(np.int64) for name in ("condition", "frame"))
+    shown = conditions * len(attempts.names["frame"]) + frames
+    first = np.sort(np.unique(shown, return_index=True)[1])
+    for code in np.flatnonzero(np.bincount(conditions)).tolist():
+        chosen = shown[first[conditions[first] == code][:MANY]]
+        own = np.flatnonzero(np.isin(shown, chosen))
+        order = own[np.lexsort((own, attempts.request[rows[own]], shown[own]))]
+        pairs = np.stack([shown[order], attempts.request[rows[order]]])
+        new = np.concatenate([np.ones(min(1, len(order)), dtype=np.bool_), (pairs[:, 1:] != pairs[:, :-1]).any(axis=0)])
+        order = np.sort(order[new])
+        found: dict[int, list[int]] = {}
+        for place in order.tolist():
+            found.setdefault(int(shown[place]), []).append(int(rows[place]))
+        yield from found.values()
 
 
 def _words(wrong: list[CallKey]) -> str:
@@ -113,7 +133,7 @@ class _RequestComparison:
         seen = (self._stored if exact else self._sent).show(condition, frame)
         self._bytes += sum(map(len, seen.pictures))
         key = CallKey(self.plan.study, "", self.plan.prompt.key, frame, condition)
-        wrong = asked.keys() - {self.plan.query(key, seen).sha256()}
+        wrong = asked.keys() - {hash(self.plan.query(key, seen).sha256())}
         kind = condition if self._made[condition] or self.manifest.view != NONE else _OF_BANK
         if not exact and len(wrong) < len(asked):
             self._alike.add(kind)

@@ -8,20 +8,20 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from eyechart.conditions import CONTROLS, OVER, is_available, of_bank
-from eyechart.costs import ALL, Account, Book
+from eyechart.costs import ALL, Account, accounts_of
 from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.frames import IMPORTED, FrameBank
-from eyechart.integrity import Guard, GuardChecks, RequestChecks
-from eyechart.ledger import Ledger
+from eyechart.integrity import Guard, RequestChecks, guards_of
+from eyechart.ledger import Attempts, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import made_elsewhere
 from eyechart.records import KeyedRecord
-from eyechart.run import Plan
+from eyechart.run import Plan, cells_of, lacking
 from eyechart.spaces.reader import READERS
 from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import ModelStatistics, Statistic
-from eyechart.studies.battery.answers import Answers, read_answers
+from eyechart.studies.battery.answers import Answers, Mask, answers_in
 from eyechart.studies.battery.calibrated_statistics import CalibratedTests
 from eyechart.studies.battery.controls import DEPTH_TESTS, OF_PICTURES, TURN_TESTS
 from eyechart.studies.battery.depth import NAMES
@@ -32,6 +32,7 @@ from eyechart.studies.battery.requests import require_requests
 from eyechart.studies.battery.series import StepReplies, series_statistics, step_in, unseeing
 from eyechart.studies.battery.stages import (
     ControlProgress,
+    answered,
     asked_of_model,
     available_controls,
     series_of,
@@ -274,21 +275,21 @@ def score_run(
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
-    with Ledger(ledger_path) as ledger:
+    with Ledger(ledger_path, sound=False) as ledger:
+        attempts = ledger.columns(plan.read, by_frame=bool(plan.space.columns))
         if held:
-            require_requests(ledger, manifest, plan)
+            require_requests(ledger_path, attempts, manifest, plan)
         may, asked, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
         series, said = series_of(manifest), dict[str, StepReplies]()
         for spec in manifest.models:
-            replies = list(ledger.replies(spec))
-            asked[spec] = asked_of_model(plan, spec, replies, may, series=series)
-            said[spec] = unseeing(replies)
+            asked[spec] = asked_of_model(plan, spec, answered(attempts, plan, spec), may, series=series)
+            said[spec] = unseeing(ledger.replies(spec)) if series else {}
             reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
-            answers[spec] = read_answers(spec, replies, reading, independent=independent, told=told)
+            answers[spec] = answers_in(attempts, reading, spec, independent=independent, told=told)
         wide, plan = widest(manifest, plan), staged(plan, asked)
         courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
         finished = ledger.finished() if courses else set()
-        spent, kept = taken(ledger, manifest, plan, read_prices(), courses)
+        spent, kept = taken(attempts, manifest, plan, read_prices(), courses)
     stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
     for spec, course in courses.items():
         if stopped[spec] is not None:
@@ -312,7 +313,7 @@ def score_run(
         spec: ModelScore(
             model=spec,
             version=version,
-            planned=sum(1 for _ in plan.keys_of(spec)),
+            planned=sum(int(cells.sum()) for cells in plan.cells(spec).values()),
             answered=answers[spec].finished,
             answers=answers[spec],
             statistics=statistics[spec],
@@ -337,12 +338,13 @@ def took_run(
     plan = plan_of(manifest, bank)
     with Ledger(ledger_path) as ledger:
         courses = EarlyStop(widest(manifest, plan), ledger).courses if manifest.stop_early else {}
-        plan = staged(plan, stages_of(manifest, plan, ledger))
-        return taken(ledger, manifest, plan, prices or read_prices(), courses)
+        attempts = ledger.columns(plan.read, by_frame=bool(plan.space.columns))
+        plan = staged(plan, stages_of(manifest, plan, attempts))
+        return taken(attempts, manifest, plan, prices or read_prices(), courses)
 
 
 def taken(
-    ledger: Ledger,
+    attempts: Attempts,
     manifest: RunManifest,
     plan: Plan,
     prices: Prices,
@@ -351,24 +353,24 @@ def taken(
     """Return costs and guards of a plan's calls; ``courses`` limit the calls of an early stop."""
     spent: dict[str, dict[str, Account]] = {}
     kept: dict[str, tuple[Guard, ...]] = {}
-    requests = RequestChecks()
+    requests = RequestChecks(attempts, manifest.models)
     for spec in manifest.models:
-        mode = manifest.mode(spec)
-        book, checks = Book(mode, plan.read, prices), GuardChecks(mode, plan.read)
-        for attempt in ledger.attempts(spec):
-            book.add(attempt)
-            checks.add(attempt)
-            requests.add(attempt)
-        course = (courses or {}).get(spec)
-        controls = plan.controls.get(spec, ())
-        asked = (
-            key
-            for key in plan.keys_of(spec)
-            if course is None or key.condition in course.wanted(key.frame) or key.condition in controls
-        )
-        spent[spec] = book.accounts()
-        kept[spec] = checks.guards(asked, manifest.fingerprint, spent[spec][ALL].words)
-    return spent, {spec: (*guards, *requests.guards(spec)) for spec, guards in kept.items()}
+        mode, rows = manifest.mode(spec), attempts.of(spec)
+        ended = attempts.cells(rows[attempts.finishing(rows)], plan.places, plan.study, plan.prompt.key)
+        planned = _wanted(plan, spec, courses[spec]) if courses else plan.cells(spec)
+        calls = sum(int(cells.sum()) for cells in planned.values())
+        spent[spec] = accounts_of(attempts, spec, prices.of(mode))
+        said = spent[spec][ALL].words
+        guards = guards_of(attempts, spec, mode, (calls, lacking(planned, ended)), manifest.fingerprint, said)
+        kept[spec] = (*guards, *requests.guards(spec))
+    return spent, kept
+
+
+def _wanted(plan: Plan, spec: str, course: StoppingState) -> dict[tuple[str, int], Mask]:
+    """Return the planned calls that a model's early stop leaves."""
+    controls, keys = plan.controls.get(spec, ()), plan.keys_of(spec)
+    asked = (key for key in keys if key.condition in controls or key.condition in course.wanted(key.frame))
+    return cells_of(asked, plan.places)
 
 
 def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:

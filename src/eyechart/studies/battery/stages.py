@@ -5,16 +5,16 @@ its answers suggest, and the steps of the run's series of corruptions. A stage b
 before is finished. See docs/decisions/stopping.md.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.conditions import ABSENT, AGAIN, CONTROLS, asked_in_stages, is_available
-from eyechart.ledger import Ledger
+from eyechart.ledger import Attempts, Ledger
 from eyechart.manifest import RunManifest
-from eyechart.run import Plan, Stages, in_order
+from eyechart.run import Plan, Stages, cells_of, in_order, lacking
 from eyechart.seeds import key_seed
-from eyechart.studies.battery.answers import read_answers
+from eyechart.studies.battery.answers import Answers, Mask, answers_in, read_answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.series import every_step, most_left, next_steps
@@ -64,35 +64,61 @@ def widest(manifest: RunManifest, plan: Plan) -> Plan:
     return replace(plan, controls={spec: may for spec in plan.models if may})
 
 
+Finished = Mapping[tuple[str, int], Mask]
+"""A model's finished calls: of each condition and repeat, which frames."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """A model's answers under every condition that a run may have, and its finished calls."""
+
+    answers: Callable[[Plan], Answers]
+    finished: Callable[[], Finished]
+
+
+def answered(attempts: Attempts, plan: Plan, model: str) -> Given:
+    """Return a model's answers in a ledger."""
+
+    def finished() -> Finished:
+        rows = attempts.last(model)
+        rows = rows[~attempts.error(rows, UNFINISHED)]
+        return attempts.cells(rows, plan.places, plan.study, plan.prompt.key)
+
+    independent, told = plan.bank.manifest.independent, bool(plan.prompt.fields)
+    return Given(lambda wide: answers_in(attempts, wide, model, independent=independent, told=told), finished)
+
+
+def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) -> Given:
+    """Return a model's answers in replies, the last of each call."""
+    given, (independent, told) = list(replies), (plan.bank.manifest.independent, bool(plan.prompt.fields))
+    return Given(
+        lambda wide: read_answers(model, given, wide, independent=independent, told=told),
+        lambda: cells_of((key for key, reply in given if reply.error not in UNFINISHED), plan.places),
+    )
+
+
 def asked_of_model(
     plan: Plan,
     model: str,
-    replies: Iterable[tuple[CallKey, Reply]],
+    given: Given,
     may: Sequence[str],
     begun: Sequence[str] = (),
     *,
     series: Sequence[str] = (),
 ) -> ControlProgress:
-    """Return a model's controls, out of those that it ``may`` have, from its replies.
+    """Return the controls that a model's replies call for, out of those that it ``may`` have.
 
-    ``series`` follow when no control is left. ``begun`` are controls and steps that its finished
-    answers called for already; they are not derived again.
+    The ``series`` of corruptions follow when no control is left. ``begun`` are the controls and
+    steps that earlier answers called for; they are kept, and not worked out again.
     """
     if not may and not series:
         return ControlProgress(ended=True)
-    given = list(replies)
-    finished = {key for key, reply in given if reply.error not in UNFINISHED}
+    finished = given.finished()
     may = [name for name in may if name != AGAIN or not _is_older(plan, model, finished)]
-    answers = read_answers(
-        model,
-        given,
-        replace(plan, controls={model: (*may, *every_step(series))}),
-        independent=plan.bank.manifest.independent,
-        told=bool(plan.prompt.fields),
-    )
+    answers = given.answers(replace(plan, controls={model: (*may, *every_step(series))}))
     judged: tuple[str, ...] = ()
     wanted = tuple(begun)
-    while finished.issuperset(replace(plan, controls={model: (*judged, *wanted)}).keys_of(model)):
+    while not lacking(replace(plan, controls={model: (*judged, *wanted)}).cells(model), finished):
         judged = (*judged, *wanted)
         part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
         statistics = CalibratedStatistics(
@@ -107,11 +133,11 @@ def asked_of_model(
     return ControlProgress(judged, wanted, (*left, *further))
 
 
-def _is_older(plan: Plan, model: str, finished: Collection[CallKey]) -> bool:
+def _is_older(plan: Plan, model: str, finished: Finished) -> bool:
     """Return whether an older version ran the model: all lead_absent calls, no repeats."""
-    asked = [*replace(plan, controls={model: (ABSENT, AGAIN)}).keys_of(model)]
-    absent, again = ([key in finished for key in asked if key.condition == name] for name in (ABSENT, AGAIN))
-    return all(absent) and not any(again)
+    asked = replace(plan, controls={model: (ABSENT, AGAIN)}).cells(model)
+    absent, again = ({at: cells for at, cells in asked.items() if at[0] == name} for name in (ABSENT, AGAIN))
+    return not lacking(absent, finished) and lacking(again, finished) == sum(int(one.sum()) for one in again.values())
 
 
 def staged(plan: Plan, found: Mapping[str, ControlProgress]) -> Plan:
@@ -119,12 +145,18 @@ def staged(plan: Plan, found: Mapping[str, ControlProgress]) -> Plan:
     return replace(plan, controls={spec: found[spec].controls for spec in plan.models if found[spec].controls})
 
 
-def stages_of(manifest: RunManifest, whole: Plan, ledger: Ledger | None) -> dict[str, ControlProgress]:
-    """Return each model's controls in a ``whole`` run, from its ledger; None is an empty ledger."""
+def stages_of(manifest: RunManifest, whole: Plan, calls: Ledger | Attempts | None) -> dict[str, ControlProgress]:
+    """Return each model's controls in a ``whole`` run, from its ledger or attempts; None are none."""
     may, series = available_controls(manifest, whole), series_of(manifest)
+    wanted = calls if may or series else None
+    attempts = wanted.columns(whole.read, by_frame=bool(whole.space.columns)) if isinstance(wanted, Ledger) else wanted
     return {
         spec: asked_of_model(
-            whole, spec, () if ledger is None or not (may or series) else ledger.replies(spec), may, series=series
+            whole,
+            spec,
+            replied((), whole, spec) if attempts is None else answered(attempts, whole, spec),
+            may,
+            series=series,
         )
         for spec in whole.models
     }
@@ -160,7 +192,8 @@ class AdaptiveStages(Stages):
         if model not in self._replies:
             self._replies[model] = dict(self._ledger.replies(model))
         replies = self._replies[model]
-        now = asked_of_model(self._whole, model, replies.items(), self._may, before, series=self._series).controls
+        came = replied(replies.items(), self._whole, model)
+        now = asked_of_model(self._whole, model, came, self._may, before, series=self._series).controls
         fresh = tuple(name for name in now if name not in before)
         if not fresh:
             del self._replies[model]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from eyechart import episodes
 from eyechart.calls import read_in
-from eyechart.costs import Book
+from eyechart.costs import accounts_of
 from eyechart.episodes import UnfinishedEpisodes, every_episode, read_episodes, read_manifest, unfinished
 from eyechart.integrity import ServedChecks, ServedGuard
 from eyechart.ledger import Ledger
@@ -192,11 +192,9 @@ def served_of(path: Path) -> dict[str, ServedGuard]:
     guards: dict[str, ServedGuard] = {}
     with Ledger(path / LEDGER, absent=True) as ledger:
         manifest = read_manifest(path)
+        attempts = ledger.columns(read_in(manifest.prompt.asks(manifest.action_space)), by_frame=False)
         for spec in manifest.models:
-            checks = ServedChecks(manifest.mode(spec))
-            for attempt in ledger.attempts(spec):
-                checks.add(attempt)
-            for guard in checks.guards():
+            for guard in ServedChecks(attempts, spec, manifest.mode(spec)).guards():
                 if not guard.holds:
                     guards[spec] = guard
     return guards
@@ -234,12 +232,11 @@ class EpisodeStudy(Study[S]):
         costs = RunCosts(probes=dict(manifest.probes))
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
-                for spec in manifest.models:
-                    book, served = Book(manifest.mode(spec), read_in(space), prices), ServedChecks(manifest.mode(spec))
-                    for attempt in ledger.attempts(spec):
-                        book.add(attempt)
-                        served.add(attempt)
-                    costs.accounts[spec], costs.guards[spec] = book.accounts(), served.guards()
+                attempts = ledger.columns(read_in(space), by_frame=False)
+            for spec in manifest.models:
+                mode = manifest.mode(spec)
+                costs.accounts[spec] = accounts_of(attempts, spec, prices.of(mode))
+                costs.guards[spec] = ServedChecks(attempts, spec, mode).guards()
         return costs
 
     def report(self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell) -> StudyReport:

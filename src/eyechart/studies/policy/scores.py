@@ -9,7 +9,7 @@ from eyechart.costs import Account
 from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.integrity import Guard
-from eyechart.ledger import Ledger
+from eyechart.ledger import Attempts, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models import states
 from eyechart.models.prices import Prices, read_prices
@@ -126,15 +126,16 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
     results: dict[str, PolicyResult] = {}
     with Ledger(ledger_path) as ledger:
         plan = drawn_of(ledger, manifest, bank)
+        attempts = ledger.columns(plan.read, by_frame=False)
         if held:
-            require_requests(ledger, manifest, plan)
+            require_requests(ledger_path, attempts, manifest, plan)
         for spec, version in manifest.models.items():
             drawn = spec in plan.drawn
             order = [sent.key for sent in ledger.attempts(spec)] if drawn else []
             motions = read_motions(ledger.replies(spec), plan, spec, order)
             statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec) and not drawn)
             results[spec] = PolicyResult(spec, version, motions, drawn, statistics)
-        accounting, guards = _took(ledger, manifest, plan, read_prices())
+    accounting, guards = _took(attempts, manifest, plan, read_prices())
     return PolicyScore(manifest, bank, results, accounting, guards)
 
 
@@ -198,11 +199,12 @@ def took(path: Path, prices: Prices) -> CallAccounts:
     """Return every policy's costs and guards, without the statistics."""
     manifest, bank = read_run(path)
     with Ledger(path / LEDGER) as ledger:
-        return _took(ledger, manifest, drawn_of(ledger, manifest, bank), prices)
+        plan = drawn_of(ledger, manifest, bank)
+        return _took(ledger.columns(plan.read, by_frame=False), manifest, plan, prices)
 
 
-def _took(ledger: Ledger, manifest: RunManifest, plan: MotionPlan, prices: Prices) -> CallAccounts:
-    spent, kept = taken(ledger, manifest, plan, prices)
+def _took(attempts: Attempts, manifest: RunManifest, plan: MotionPlan, prices: Prices) -> CallAccounts:
+    spent, kept = taken(attempts, manifest, plan, prices)
     return spent, {
         spec: tuple(one for one in many if one.name in _GUARDS or (states(spec) and one.name in _OF_SERVERS))
         for spec, many in kept.items()

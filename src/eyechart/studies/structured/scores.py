@@ -262,7 +262,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
     plan = plan_of(manifest, bank)
     with Ledger(ledger_path) as ledger:
         if held:
-            require_requests(ledger, manifest, plan)
+            require_requests(ledger_path, ledger.columns(), manifest, plan)
         told = {spec: read_told(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
     accounting, guards = took_run(manifest, bank, ledger_path)
     silent = "episode" in bank.manifest.absent and not bank.manifest.independent

@@ -1,0 +1,246 @@
+"""What a command read in a run, kept beside the run until the run, the program or the settings change.
+
+A kept reading is named by the digest of everything that it follows from: the content of the run's
+files, the program with its numeric libraries, and what was asked. It is sealed with a key of the
+user's own, so a reading that came with a foreign run, or was damaged, is not believed.
+"""
+
+import hashlib
+import hmac
+import json
+import os
+import secrets
+import stat
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+FOLDER = ".reading"
+"""The folder in a run that holds its kept readings."""
+_RUN = "run.json"
+_MOST_BYTES = 64_000_000
+_MOST_KEPT = 64
+_MOST_FILES = 3_000_000
+_KEY_BYTES = 32
+_YOUNG_NS = 2_000_000_000
+"""A file that changed this shortly before may change again within one tick of its clock."""
+_PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".gif", ".mp4")
+"""Files that no number follows from: a run holds the digests of its pictures in other files."""
+_PASSING = ("-shm", ".lock", ".new")
+"""Ends of names of files that only a process at work needs."""
+_LIBRARIES = ("numpy", "scipy", "msgspec")
+
+
+class _UnnamedError(Exception):
+    """A folder cannot be named by its content."""
+
+
+class _FileState(NamedTuple):
+    """A file as the system describes it: path, size, time of the last change in ns, number."""
+
+    path: str
+    size: int
+    changed: int
+    number: int
+
+
+@dataclass(frozen=True)
+class _RunState:
+    """A run's content: a digest of it with what was asked, and the states of its files."""
+
+    digest: str
+    files: tuple[list[_FileState], list[_FileState]]
+    since: int
+
+    def holds(self, folder: Path, asked: Sequence[object]) -> bool:
+        """Return whether the content is still the same; files changed lately are read again."""
+        if any(one.changed > self.since - _YOUNG_NS for one in chain(*self.files)):
+            return _seen(folder, asked).digest == self.digest
+        return _states(folder) == self.files
+
+
+def kept(
+    folder: Path,
+    asked: Sequence[object],
+    make: Callable[[], Any],
+    *,
+    fresh: bool = False,
+    beside: Sequence[Path] = (),
+) -> Any:  # noqa: ANN401 - JSON
+    """Return the plain values that ``make`` reads in a run's folder, or those that it read before.
+
+    ``asked`` names the command and its settings, and ``beside`` the files that it reads elsewhere.
+    Every byte of the run is hashed each time, but for pictures. With ``fresh`` the run is read anew,
+    and that is kept. Nothing is kept where the folder cannot be written, the run changed meanwhile,
+    or ``make`` warned.
+    """
+    try:
+        key, before = _key(), _seen(folder, asked := [*asked, [_hashed(os.fspath(one)) for one in beside]])
+    except (_UnnamedError, OSError):
+        key = None
+    if key is None:
+        return _plain(make())
+    file = folder / FOLDER / f"{before.digest}.json"
+    if not fresh and (found := _opened(file, key)) is not None:
+        return found[0]
+    with _warned() as said:
+        made = _plain(make())
+    with suppress(_UnnamedError, OSError):
+        if not said and before.holds(folder, asked):
+            _keep(file, made, key)
+    return made
+
+
+def _plain(made: object) -> Any:  # noqa: ANN401 - JSON
+    """Return values as they are read back, so that a first reading equals a second one."""
+    return json.loads(json.dumps(made))
+
+
+@contextmanager
+def _warned() -> Iterator[list[None]]:
+    """Yield a list that grows with each warning of the block, which is shown as usual."""
+    said: list[None] = []
+    with warnings.catch_warnings():
+        shown = warnings.showwarning
+
+        def show(*given: Any, **more: Any) -> None:  # noqa: ANN401 - as warnings calls it
+            said.append(None)
+            shown(*given, **more)
+
+        warnings.showwarning = show
+        yield said
+
+
+def _opened(file: Path, key: bytes) -> tuple[Any] | None:
+    """Return what a file keeps, in a tuple; None unless it is whole and of this user."""
+    with suppress(OSError, ValueError, RecursionError):
+        if not stat.S_ISREG(file.lstat().st_mode) or file.lstat().st_size > _MOST_BYTES:
+            return None
+        seal, _, body = file.read_bytes().partition(b"\n")
+        if hmac.compare_digest(seal, _sealed(file.name, body, key)):
+            return (json.loads(body),)
+    return None
+
+
+def _keep(file: Path, made: object, key: bytes) -> None:
+    """Write a reading whole or not at all; remove the oldest beyond a number of them."""
+    body = json.dumps(made).encode()
+    if len(body) >= _MOST_BYTES:
+        return
+    file.parent.mkdir(exist_ok=True)
+    if file.parent.is_symlink():
+        return
+    partial = file.with_name(f".{file.stem}.{os.getpid()}.{secrets.token_hex(4)}.new")
+    try:
+        with partial.open("xb") as out:
+            out.write(_sealed(file.name, body, key) + b"\n" + body)
+        partial.replace(file)
+    finally:
+        partial.unlink(missing_ok=True)
+    every = sorted(file.parent.glob("*.json"), key=lambda one: one.stat().st_mtime_ns)
+    for old in every[:-_MOST_KEPT]:
+        old.unlink(missing_ok=True)
+
+
+def _sealed(name: str, body: bytes, key: bytes) -> bytes:
+    return hmac.new(key, name.encode() + b"\n" + body, "sha256").hexdigest().encode()
+
+
+@cache
+def _key() -> bytes | None:
+    """Return this user's key, made at its first use; None where no home can hold it."""
+    with suppress(OSError, RuntimeError):
+        place = Path.home() / ".cache" / "eyechart" / "readings.key"
+        if not place.exists():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            partial = place.with_name(f".{place.name}.{os.getpid()}.new")
+            partial.touch(0o600)
+            partial.write_bytes(secrets.token_bytes(_KEY_BYTES))
+            with suppress(FileExistsError):  # another process was first
+                os.link(partial, place)
+            partial.unlink()
+        with place.open("rb") as file:
+            key = file.read(_KEY_BYTES + 1)
+        return key if len(key) == _KEY_BYTES else None
+    return None
+
+
+def _seen(folder: Path, asked: Sequence[object]) -> _RunState:
+    """Return the state of a run; raises _UnnamedError or OSError where it cannot be named."""
+    since, (files, others) = time.time_ns(), _states(folder)
+    digest = hashlib.sha256(json.dumps([_program(), os.fspath(folder), asked]).encode())
+    for one in files:
+        is_picture = one.path.lower().endswith(_PICTURES)
+        content = f"{one.size} {one.changed}" if is_picture else _hashed(one.path)
+        digest.update(f"{one.path}\0{content}\n".encode(errors="surrogateescape"))
+    digest.update("".join(f"{one}\n" for one in others).encode(errors="surrogateescape"))
+    return _RunState(digest.hexdigest(), (files, others), since)
+
+
+def _states(folder: Path) -> tuple[list[_FileState], list[_FileState]]:
+    """Return the states of a run's files, and of the bank elsewhere that its pictures came from."""
+    own = list(islice(_files(folder), _MOST_FILES))
+    banks = (place for one in own if one.path.endswith(f"{os.sep}{_RUN}") for place in _bank_of(Path(one.path)))
+    others = list(islice(chain(*map(_files, banks)), _MOST_FILES))
+    if _MOST_FILES in {len(own), len(others)}:
+        raise _UnnamedError
+    return own, others
+
+
+def _hashed(path: str) -> str:
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _bank_of(run: Path) -> Iterator[Path]:
+    """Yield the place of a run's pictures outside it, by its ``run.json``, where it is there."""
+    with suppress(ValueError, RecursionError):
+        said = json.loads(run.read_bytes())
+        if isinstance(said, dict) and isinstance(place := said.get("bank_path"), str) and Path(place).is_dir():
+            yield Path(place)
+
+
+def _files(folder: Path) -> Iterator[_FileState]:
+    """Yield the state of every file below a folder, by name; linked folders and pipes are no run."""
+    with os.scandir(folder) as inside:
+        entries = sorted(inside, key=lambda one: one.name)
+    for entry in entries:
+        if entry.is_dir():
+            if entry.is_symlink():
+                raise _UnnamedError
+            if entry.name != FOLDER:
+                yield from _files(Path(entry.path))
+        elif not entry.name.endswith(_PASSING):
+            yield _state(entry.path)
+
+
+def _state(path: str) -> _FileState:
+    found = os.stat(path)  # noqa: PTH116 - of every picture of a bank
+    if not stat.S_ISREG(found.st_mode):
+        raise _UnnamedError
+    return _FileState(path, found.st_size, found.st_mtime_ns, found.st_ino)
+
+
+@cache
+def _program() -> str:
+    """Return a digest of this program's files and of the libraries that its numbers rest on."""
+    digest = hashlib.sha256(sys.version.encode())
+    for one in _files(Path(__file__).parent):
+        if not one.path.endswith(".pyc"):
+            with open(one.path, "rb") as file:  # noqa: PTH123 - hundreds of them, at every command
+                content = file.read()
+            digest.update(f"{one.path.removeprefix(os.path.dirname(__file__))}\0{one.size}\n".encode() + content)  # noqa: PTH120
+    for name in _LIBRARIES:
+        found = find_spec(name)
+        version = Path((found and found.origin) or "").with_name("version.py")
+        version = version if version.is_file() else version.with_name("_version.py")
+        digest.update(version.read_bytes() if version.is_file() else b"")
+    return digest.hexdigest()

@@ -1,0 +1,278 @@
+"""What a command read of a run is kept, believed only where it is this user's, and read anew after any change."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from banks import build_bank
+from eyechart import cli, kept
+from eyechart.errors import SpecError
+from eyechart.ledger import Ledger
+from eyechart.ledger.counter import LedgerCount, WrittenCounts, write_counter
+from eyechart.studies import battery
+from eyechart.studies.battery.study import BatteryStudy
+
+COMMANDS = ("verdict", "score", "score --all", "costs", "costs --all", "costs --unread", "gate --require looks")
+Say = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a run of two controllers on the tiny bank, not read by any command."""
+    folder = tmp_path_factory.mktemp("kept")
+    bank = build_bank(folder / "bank")
+    planned = battery.plan(bank.root, ["scripted:depth", "scripted:constant"], folder / "run")
+    battery.run(planned)
+    return folder / "run"
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each test a home of its own."""
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    kept._key.cache_clear()
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path) -> Path:
+    """Return a copy of the run."""
+    return shutil.copytree(made, tmp_path / "run")
+
+
+@pytest.fixture
+def say(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Say:
+    """Return a function that runs a command line and returns its exit code and output."""
+
+    def ask(command: str, run: Path, *more: object) -> tuple[int, str, str]:
+        name, *options = command.split()
+        monkeypatch.setattr(sys, "argv", ["eyechart", name, str(run), *options, *map(str, more)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as left:
+            cli.main()
+        return int(left.value.code or 0), *capsys.readouterr()
+
+    return ask
+
+
+def readings(run: Path) -> list[Path]:
+    """Return the readings that are kept of a run."""
+    return sorted((run / kept.FOLDER).glob("*.json"))
+
+
+def read_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every reading of a run from now on fail."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise SpecError("it is read anew")
+
+    for name in ("score", "took", "unread"):
+        monkeypatch.setattr(BatteryStudy, name, fail)
+
+
+@pytest.mark.parametrize("form", ["", " --json"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_second_answer_is_the_first_one_and_reads_nothing(
+    command: str, form: str, run: Path, say: Say, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code, standard output and standard error are the same; --fresh alone reads anew, to the same answer."""
+    first = say(command + form, run)
+    assert say(command + form, run, "--fresh") == first
+    read_no_more(monkeypatch)
+    assert say(command + form, run) == first
+    assert say(command + form, run, "--fresh")[0] == 2
+
+
+def test_each_setting_has_an_answer_of_its_own(run: Path, say: Say, tmp_path: Path) -> None:
+    """Also the content of a price file; none is answered by what was kept for another."""
+    prices = tmp_path / "prices.toml"
+    entry = '[[price]]\nmodel = "scripted:depth"\ninput = {}\noutput = 1.0\ndate = "2026-01-01"\nsource = "s"\n'
+    lines = []
+    for command in ("verdict", "verdict --json", "score", "score --all", "costs", "gate", "gate --require looks"):
+        say(command, run)
+        lines.append(len(readings(run)))
+    for dollars in ("1.0", "2.0"):
+        prices.write_text(entry.format(dollars))
+        say("costs", run, "--prices", prices)
+        lines.append(len(readings(run)))
+    assert lines == list(range(1, 10))
+    say("costs", run, "--prices", prices)
+    assert len(readings(run)) == 9
+
+
+def test_a_changed_byte_of_the_ledger_is_found_whatever_its_time_says(run: Path, say: Say) -> None:
+    """Size and time of the file are as before: the digest is not, and the damaged reply is refused."""
+    assert say("gate --require looks", run)[0] in {0, 1, 2}
+    ledger, before = run / "ledger.sqlite", (run / "ledger.sqlite").stat()
+    content = ledger.read_bytes()
+    at = content.rindex(b"SLOW")
+    ledger.write_bytes(content[:at] + b"STOP" + content[at + 4 :])
+    os.utime(ledger, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (ledger.stat().st_size, ledger.stat().st_mtime_ns) == (before.st_size, before.st_mtime_ns)
+    code, out, err = say("gate --require looks", run)
+    assert (code, out) == (2, "")
+    assert "is damaged in" in err
+
+
+@pytest.mark.parametrize("name", ["run.json", "bank/bank.json"])
+def test_a_changed_text_of_the_run_is_read_anew(
+    name: str, run: Path, say: Say, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A byte more is another content."""
+    say("verdict", run)
+    with (run / name).open("a") as file:
+        file.write(" ")
+    read_no_more(monkeypatch)
+    assert "read anew" in say("verdict", run)[2]
+
+
+def test_a_run_that_grew_is_read_anew(made: Path, tmp_path: Path, say: Say) -> None:
+    """An unfinished run, then a finished one: each answer is that of a run which nobody read before."""
+    bank, answers = made.parent / "bank", []
+    for read_before in (True, False):
+        out = tmp_path / f"{read_before}"
+        for limit in (2, None):
+            extent = battery.BatterySelection(limit=limit)
+            battery.run(battery.plan(bank, ["scripted:depth"], out, extent=extent))
+            if read_before or limit is None:
+                answers.append(say("verdict", out)[1].replace(str(out), "RUN"))
+    assert answers[0] != answers[1]
+    assert answers[1] == answers[2]
+
+
+SPOILED: dict[str, Callable[[bytes], bytes]] = {
+    "cut": lambda content: content[: len(content) // 2],
+    "empty": lambda _: b"",
+    "a changed byte": lambda content: content[:-3] + bytes([content[-3] ^ 1]) + content[-2:],
+    "forged": lambda content: content[:64] + b'\n{"width": null, "names": [], "parts": ["it looks"]}',
+    "no seal": lambda content: content[65:],
+    "not JSON": lambda content: content[:64] + b"\n{",
+}
+
+
+@pytest.mark.parametrize("how", [*SPOILED, "a pipe", "a link", "of another user", "too large"])
+def test_a_reading_that_is_not_whole_or_not_this_user_s_is_read_anew(
+    how: str, run: Path, say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The answer is the one of a run that nobody read, in silence, and it is kept in place of the other."""
+    first = say("verdict", run)
+    (file,) = readings(run)
+    content = file.read_bytes()
+    if how == "of another user":
+        monkeypatch.setenv("HOME", str(tmp_path / "another"))
+        kept._key.cache_clear()
+        say("verdict", run, "--fresh")
+        monkeypatch.setenv("HOME", str(tmp_path / "home"))
+        kept._key.cache_clear()
+    elif how == "too large":
+        monkeypatch.setattr(kept, "_MOST_BYTES", len(content) - 1)
+    else:
+        file.unlink()
+        if how == "a pipe":
+            os.mkfifo(file)
+        elif how == "a link":
+            (tmp_path / "elsewhere").write_bytes(content)
+            file.symlink_to(tmp_path / "elsewhere")
+        else:
+            file.write_bytes(SPOILED[how](content))
+    assert say("verdict", run) == first
+    read_no_more(monkeypatch)
+    assert (say("verdict", run) == first) is (how != "too large")
+
+
+@pytest.mark.parametrize("why", ["no folder can be made", "no home", "the folder leads elsewhere"])
+def test_where_nothing_can_be_kept_every_answer_is_read(
+    why: str, run: Path, say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder that cannot be written is read as any other; what leads out of the run is not written to."""
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    if why == "no folder can be made":
+        (run / kept.FOLDER).write_text("a file")
+    elif why == "no home":
+        (tmp_path / "home").write_text("a file")
+    else:
+        (run / kept.FOLDER).symlink_to(elsewhere)
+    first = say("verdict", run)
+    assert first[0] == 0
+    assert say("verdict", run) == first
+    assert list(elsewhere.iterdir()) == []
+    read_no_more(monkeypatch)
+    assert say("verdict", run)[0] == 2
+
+
+def test_what_is_missing_is_said_at_every_answer(run: Path) -> None:
+    """A ledger that lost calls is warned of; such an answer is not kept."""
+    with Ledger(run / "ledger.sqlite") as ledger:
+        held = ledger.held()
+    write_counter(run / "ledger.sqlite", LedgerCount(held.plus(WrittenCounts(2, 1))))
+    words = [sys.executable, "-m", "eyechart", "verdict", str(run)]
+    for _ in range(2):
+        said = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
+        assert "2 requests and 1 reply" in said.stderr
+    assert readings(run) == []
+
+
+def test_another_program_reads_anew(run: Path, say: Say, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another source, or another numpy, may count otherwise."""
+    say("verdict", run)
+    monkeypatch.setattr(kept, "_program", lambda: "another")
+    read_no_more(monkeypatch)
+    assert say("verdict", run)[0] == 2
+
+
+def test_a_run_that_changes_meanwhile_is_not_kept(run: Path, say: Say, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was read may be of the content before or of that after."""
+    score = BatteryStudy.score
+
+    def changing(study: BatteryStudy, *given: object) -> object:
+        found = score(study, *given)  # type: ignore[arg-type]
+        (run / "notes.txt").write_text("now")
+        return found
+
+    monkeypatch.setattr(BatteryStudy, "score", changing)
+    assert say("verdict", run)[0] == 0
+    assert readings(run) == []
+
+
+def test_commands_at_once_do_not_harm_one_another(run: Path) -> None:
+    """Each answers as one alone; one reading is left, and no part of one."""
+    words = [sys.executable, "-m", "eyechart", "verdict", str(run), "--json"]
+    several = [subprocess.Popen(words, stdout=subprocess.PIPE) for _ in range(4)]
+    answers = {one.communicate(timeout=120)[0] for one in several}
+    assert len(answers) == 1
+    assert json.loads(answers.pop())["models"]
+    assert [path.name for path in (run / kept.FOLDER).iterdir()] == [path.name for path in readings(run)]
+    assert len(readings(run)) == 1
+
+
+def test_only_so_many_readings_are_kept(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The oldest go first."""
+    monkeypatch.setattr(kept, "_MOST_KEPT", 3)
+    for number in range(5):
+        kept.kept(run, ["count", number], lambda number=number: number)
+        os.utime(max(readings(run), key=lambda path: path.stat().st_mtime_ns), ns=(number, number))
+    assert len(readings(run)) == 3
+    counted: list[int] = []
+    for number in (4, 0):
+        kept.kept(run, ["count", number], lambda number=number: counted.append(number))
+    assert counted == [0]
+
+
+def test_a_picture_elsewhere_that_comes_back_is_compared_again(run: Path, say: Say) -> None:
+    """The pictures that the run recorded lie outside it; a score compares its requests with those that are there."""
+    say("verdict", run)
+    place = Path(json.loads((run / "run.json").read_text())["bank_path"])
+    picture = next(place.rglob("*.png"))
+    before = picture.stat()
+    try:
+        os.utime(picture, ns=(before.st_atime_ns, before.st_mtime_ns - 10**9))
+        say("verdict", run)
+        assert len(readings(run)) == 2
+    finally:
+        os.utime(picture, ns=(before.st_atime_ns, before.st_mtime_ns))
