@@ -251,9 +251,7 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
         return "STOP" if gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
 
     frames = simulated.frames()
-    statistics = LazyStatistics(
-        CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99)).tests()
-    )
+    statistics = LazyStatistics(CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99)).tests())
     read = set[str]()
 
     class Read(Mapping[str, Statistic]):
