@@ -276,13 +276,13 @@ def packed(rgb: RGB) -> bytes:
     rows[:, 0], rows[0, 1:] = _UP, flat[0]
     np.subtract(flat[1:], flat[:-1], out=rows[1:, 1:])
     deflate = zlib.compressobj(1, strategy=zlib.Z_RLE)
-    return _png(wide, high, deflate.compress(rows), deflate.flush())
+    return _png(wide, high, deflate.compress(rows.data), deflate.flush())
 
 
 def stored(rgb: RGB) -> bytes:
     """Encode an RGB picture, shape (h, w, 3), uint8, as an uncompressed PNG (RFC 2083)."""
     high, wide, _ = rgb.shape
-    return _png(wide, high, zlib.compress(_rows(rgb), 0))
+    return _png(wide, high, zlib.compress(_rows(rgb).data, 0))
 
 
 def in_blocks(rgb: RGB) -> bytes:
