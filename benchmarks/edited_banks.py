@@ -92,7 +92,7 @@ def labels_of(bank: FrameBank, run: Path, names: Iterable[str] = edited_controll
 def whole_labels(world: str, size: int, work: Path) -> dict[str, str]:
     """Return the labels of the readers where nothing is refused: on the world's own bank, of as many episodes."""
     bank = open_bank_simulator(world).build(work / "whole", seeds=SEEDS, steps=size // (len(SEEDS) * len(FAMILIES)))
-    return labels_of(bank, work / "run whole", edited_controllers.READERS)
+    return labels_of(bank, work / "run whole", (*edited_controllers.READERS, "noisy"))
 
 
 def lost_by(labels: dict[str, dict[str, str]], whole: dict[str, str]) -> dict[str, str]:
