@@ -125,17 +125,18 @@ def processors(config: Any, data: dict[str, np.ndarray]) -> tuple[Any, Any]:  # 
     state, action = torch.tensor(data["state"]), torch.tensor(data["action"])
     picture = {"mean": torch.full((3, 1, 1), 0.6), "std": torch.full((3, 1, 1), 0.25)}
     stats = {f"observation.images.{name}": picture for name in ("top", "wrist")}
-    for name, one in {"observation.state": state, "action": action.flatten(0, 1)}.items():
-        stats[name] = {"mean": one.mean(0), "std": one.std(0) + 1e-6, "min": one.amin(0), "max": one.amax(0)}
+    for name, one in {"observation.state": state, "action": action}.items():
+        own = one.flatten(0, -2)
+        stats[name] = {"mean": own.mean(0), "std": own.std(0) + 1e-6, "min": own.amin(0), "max": own.amax(0)}
     return tuple(make_pre_post_processors(config, dataset_stats=stats))  # type: ignore[return-value]
 
 
 def shown(pictures: dict[str, np.ndarray], state: np.ndarray) -> dict[str, Any]:
-    """Return a batch as LeRobot's processors take it."""
+    """Return a batch as LeRobot's processors take it; pictures (n, h, w, 3), or (n, instants, h, w, 3)."""
     import torch  # noqa: PLC0415
 
     made = {
-        f"observation.images.{name}": torch.tensor(picture).permute(0, 3, 1, 2).float() / 255
+        f"observation.images.{name}": torch.tensor(picture).movedim(-1, -3).float() / 255
         for name, picture in pictures.items()
     }
     return {**made, "observation.state": torch.tensor(state), "task": [""] * len(state)}
@@ -158,17 +159,19 @@ def learn(
     """Train a policy and return seconds of CPU; ``given`` makes of a batch, as `shown` makes it, what goes in."""
     import torch  # noqa: PLC0415
 
-    optimiser, rng, begun = torch.optim.AdamW(policy.parameters(), 1e-3), np.random.default_rng(0), time.process_time()
+    optimiser, rng, begun = (
+        torch.optim.AdamW(policy.parameters(), 1e-3, fused=True),
+        np.random.default_rng(0),
+        time.process_time(),
+    )
     policy.train()
     for turn in range(steps):
         for group in optimiser.param_groups:
             group["lr"] = 1e-3 * (1 - 0.95 * turn / steps)
         rows = rng.integers(0, len(data["state"]), batch_size)
-        batch = shown({name: data[name][rows] for name in ("top", "wrist")}, data["state"][rows])
-        batch |= {
-            "action": torch.tensor(data["action"][rows]),
-            "action_is_pad": torch.zeros(batch_size, HORIZON, dtype=torch.bool),
-        }
+        action = torch.tensor(data["action"][rows])
+        batch = shown({name: data[name][rows] for name in data.keys() & {"top", "wrist"}}, data["state"][rows])
+        batch |= {"action": action, "action_is_pad": torch.zeros(action.shape[:2], dtype=torch.bool)}
         loss, _ = policy.forward(given(batch))
         optimiser.zero_grad()
         loss.backward()

@@ -1,40 +1,110 @@
-"""Checkpoints of LeRobot's ACT, named as they are: with a state that tells where the block is, and without.
+"""LeRobot's own data sets and checkpoints, from import to gate, through ``lerobot:CHECKPOINT`` and as a callable.
 
     LEROBOT_PYTHON=/path/to/python make long-checkpoints
 
-``LEROBOT_PYTHON`` is a Python (3.12 or newer) that has ``lerobot[dataset]`` and eyechart. Two policies are trained on
-episodes of the tabletop, whose tool reaches for the red block: one has the block's place in its state. LeRobot saves
-them and their processors, and its own writer writes the episodes that the bank is imported from. Each is asked twice:
-as ``lerobot:CHECKPOINT``, in a process of its own, and as a callable that loads the same folder here. A policy that is
-trained, a bank, and a run that is finished are not made again. Writes ``benchmarks/results/checkpoints.json``; exit 1
-where the verdicts of the two ways differ, or are not as they should be.
+``LEROBOT_PYTHON`` is a Python (3.12 or newer) that has ``lerobot[dataset,diffusion]`` and eyechart. First the data sets
+of `lerobot_sets` are compared with what was written. Then four policies are trained on episodes of the tabletop, whose
+tool reaches for the red block: two of ACT, one of which has the block's place in its state, and one each of VQ-BeT and
+Diffusion, which read two instants. LeRobot saves them and their processors, and its own writer writes the episodes that
+each bank is imported from. All are asked by the command line as ``lerobot:CHECKPOINT``, in a process of its own, and
+ACT also as a callable that loads the same folder here. Training and banks are as small as two processors that others
+use too allow: ACT learns what its labels need, and of the others, trained for a minute, no label is expected. A row
+that is finished is kept, and not made again. Writes ``benchmarks/results/checkpoints.json``; exit 1 where something
+read is not as it was written, the verdicts of the two ways differ, or are not as they should be.
 """
 
 import argparse
 import json
 import os
+import shutil
 import sys
-import time
+from collections.abc import Callable as Made
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import act_tabletop
-from act_tabletop import HERE, HORIZON, MOVES, asked
+import lerobot_sets
+from act_tabletop import HERE, HORIZON, MOVES
+from lerobot_policy import EYECHART, made
 
 RESULT = HERE / "results" / "checkpoints.json"
-CACHE = Path(os.environ.get("EYECHART_CHECKPOINTS", "build/checkpoints"))
-TRAINED, SHOWN, EVERY, BATCH = 400, 16, 3, 16
-"""Episodes to train on, those of the bank's data set, every which of their frames is taken, moments of a step."""
-STATES = {"sees": 3, "privileged": 5}
+CACHE = Path(os.environ.get("EYECHART_CHECKPOINTS", "build/checkpoints")).absolute()
+TRAINED, SHOWN, EVERY = 400, 12, 4
+"""Episodes to train on, those of the bank's data set, and every which of their frames is taken."""
 KEPT = ("camera", "cameras", "state", "guards", "channels")
-EXPECTED = {
-    "sees": {"camera": ("camera_content",)},
-    "privileged": {"camera": ("ignores_camera",), "state": ("state_shortcut",)},
+SEEING = ("camera_content", "object_grounded")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A policy: its type, whether its state tells the block's place, its training, and the labels that it should get.
+
+    ``history`` are the instants before a moment that it reads, and pictures are shown ``larger`` by so many times: the
+    other types lose all but 2 × 2 places of 64 pixels. ``chunk`` are the actions that it is trained on.
+    """
+
+    type: str
+    steps: int
+    batch: int = 16
+    tells: bool = False
+    history: int = 0
+    larger: int = 1
+    chunk: int = HORIZON
+    expected: tuple[tuple[str, tuple[str, ...]], ...] = ()
+
+    @property
+    def states(self) -> int:
+        """Return the numbers of its state."""
+        return 5 if self.tells else 3
+
+
+KINDS = {
+    "sees": Kind("act", 1000, expected=(("camera", SEEING),)),
+    "privileged": Kind(
+        "act", 400, tells=True, expected=(("camera", ("ignores_camera",)), ("state", ("state_shortcut",)))
+    ),
+    "vqbet": Kind("vqbet", 250, 4, history=1, larger=2, chunk=1 + HORIZON),
+    "diffusion": Kind("diffusion", 150, 4, history=1, larger=2, chunk=12),
 }
 CAMERA = "observation.images.top"
-WAYS = ("lerobot", "callable")
+SMALL: dict[str, dict[str, Any]] = {
+    "act": act_tabletop.SMALL,
+    "vqbet": {
+        "n_obs_steps": 2,
+        "n_action_pred_token": 1,
+        "action_chunk_size": HORIZON,
+        "crop_shape": None,
+        "use_group_norm": True,
+        "n_vqvae_training_steps": 100,
+        "vqvae_n_embed": 8,
+        "vqvae_embedding_dim": 32,
+        "vqvae_enc_hidden_dim": 32,
+        "gpt_n_layer": 2,
+        "gpt_n_head": 2,
+        "gpt_input_dim": 64,
+        "gpt_hidden_dim": 64,
+        "gpt_output_dim": 64,
+        "spatial_softmax_num_keypoints": 16,
+    },
+    "diffusion": {
+        "n_obs_steps": 2,
+        "horizon": 12,
+        "n_action_steps": HORIZON,
+        "use_group_norm": True,
+        "spatial_softmax_num_keypoints": 16,
+        "down_dims": (48, 96),
+        "kernel_size": 3,
+        "diffusion_step_embed_dim": 32,
+        "prediction_type": "sample",
+        "noise_scheduler_type": "DDIM",
+        "num_train_timesteps": 50,
+        "num_inference_steps": 10,
+    },
+}
+"""The sizes of policies that learn on a processor in minutes."""
 
 
 def tables(kind: str, which: str, episodes: int) -> list[list[Any]]:
@@ -51,18 +121,31 @@ def moments(kind: str, episode: list[Any]) -> dict[str, np.ndarray]:
     from eyechart.simulators.tabletop.pictures import cameras  # noqa: PLC0415
     from eyechart.simulators.tabletop.world import oracle  # noqa: PLC0415
 
-    told = kind == "privileged"
-    state = [[*table.tool, table.grip, *(table.target if told else ())] for table in episode]
+    own = KINDS[kind]
+    state = [[*table.tool, table.grip, *(table.target if own.tells else ())] for table in episode]
     chunks = np.stack([oracle(table) for table in episode]).astype(np.float32)
-    return {**cameras(episode), "state": np.array(state, np.float32), "action": chunks}
+    top = cameras(episode)["top"].repeat(own.larger, axis=1).repeat(own.larger, axis=2)
+    return {"top": top, "state": np.array(state, np.float32), "action": chunks}
+
+
+def learned(kind: str, episode: list[Any]) -> dict[str, np.ndarray]:
+    """Return what a policy is trained on, of an episode's moments: windows and what was done from their begin on."""
+    found, own = moments(kind, episode), KINDS[kind]
+    if not own.history:
+        return found
+    rows = np.arange(1, len(found["state"]))
+    pairs = np.stack([rows - 1, rows], axis=1)
+    ahead = np.minimum(rows[:, None] - 1 + np.arange(own.chunk), len(found["state"]) - 1)
+    return {"top": found["top"][pairs], "state": found["state"][pairs], "action": found["action"][ahead, 0]}
 
 
 def write_data(kind: str, folder: Path) -> None:
     """Write the bank's episodes as a data set, by LeRobot's own writer."""
     from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: PLC0415
 
-    names = ["x", "y", "grip", "target_x", "target_y"][: STATES[kind]]
-    features = {CAMERA: {"dtype": "image", "shape": (32, 32, 3), "names": ["height", "width", "channels"]}}
+    shutil.rmtree(folder, ignore_errors=True)
+    size, names = 32 * KINDS[kind].larger, ["x", "y", "grip", "target_x", "target_y"][: KINDS[kind].states]
+    features = {CAMERA: {"dtype": "image", "shape": (size, size, 3), "names": ["height", "width", "channels"]}}
     features["observation.state"] = {"dtype": "float32", "shape": (len(names),), "names": names}
     features["action"] = {"dtype": "float32", "shape": (3,), "names": ["dx", "dy", "grip"]}
     data = LeRobotDataset.create(f"here/{kind}", fps=10, features=features, root=folder, use_videos=False)
@@ -77,46 +160,56 @@ def write_data(kind: str, folder: Path) -> None:
 
 
 def config_of(kind: str) -> Any:  # noqa: ANN401 - of LeRobot
-    """Return the configuration of a small ACT with a ResNet of its own weights."""
-    from lerobot.policies.act.configuration_act import ACTConfig  # noqa: PLC0415
+    """Return the configuration of a small policy with a ResNet of its own weights."""
+    from lerobot.configs.types import FeatureType, PolicyFeature  # noqa: PLC0415
+    from lerobot.policies.factory import make_policy_config  # noqa: PLC0415
 
-    features = act_tabletop.features(STATES[kind])
-    del features["input_features"]["observation.images.wrist"]
-    return ACTConfig(
-        **features,
-        **act_tabletop.SMALL,
-    )
+    own, features = KINDS[kind], act_tabletop.features(KINDS[kind].states)
+    size = 32 * own.larger
+    features["input_features"] = {
+        CAMERA: PolicyFeature(FeatureType.VISUAL, (3, size, size)),
+        "observation.state": features["input_features"]["observation.state"],
+    }
+    return make_policy_config(own.type, **features, **{"pretrained_backbone_weights": None, **SMALL[own.type]})
 
 
-def train(kind: str, steps: int, folder: Path) -> None:
-    """Train a policy, and save it with its processors as LeRobot does."""
-    from lerobot.policies.act.modeling_act import ACTPolicy  # noqa: PLC0415
+def train(kind: str) -> dict[str, Any]:
+    """Train a policy, save it with its processors as LeRobot does, and return what it took."""
+    from lerobot.policies.factory import get_policy_class  # noqa: PLC0415
 
-    many = [moments(kind, episode) for episode in tables(kind, "trained", TRAINED)]
+    own, folder = KINDS[kind], CACHE / kind
+    shutil.rmtree(folder, ignore_errors=True)
+    many = [learned(kind, episode) for episode in tables(kind, "trained", TRAINED)]
     data = {name: np.concatenate([one[name] for one in many]) for name in many[0]}
-    policy = ACTPolicy(config_of(kind))
-    for name, buffer in policy.model.backbone.named_buffers():
-        if name.endswith("bn2.weight"):  # a frozen normalisation leaves each block twice as loud as the one before
-            buffer.fill_(0.3)
+    config = config_of(kind)
+    policy = get_policy_class(own.type)(config)
+    if own.type == "act":
+        for name, buffer in policy.model.backbone.named_buffers():
+            if name.endswith("bn2.weight"):  # a frozen normalisation leaves each block twice as loud as the one before
+                buffer.fill_(0.3)
     before, after = act_tabletop.processors(policy.config, data)
-    took = act_tabletop.learn(policy, data, steps, before, batch_size=BATCH)
+    took = act_tabletop.learn(policy, data, own.steps, before, batch_size=own.batch)
     for part in (policy, before, after):
         part.save_pretrained(folder)
-    (folder / "trained.json").write_text(json.dumps({"steps": steps, "cpu_seconds": took}))
+    return {"type": own.type, "steps": own.steps, "batch": own.batch, "cpu_seconds": took}
 
 
 class Callable:
-    """The same checkpoint as the page on LeRobot loads it; loaded when it is first asked."""
+    """The checkpoint of an ACT as the page on LeRobot loads it; loaded when it is first asked."""
 
     def __init__(self, kind: str) -> None:
         self.kind, self.version, self.channels, self._loaded = kind, "1", ["camera:top", "state"], None
+        self.seedable = True
 
-    def __call__(self, images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
-        """Return a chunk."""
+    def __call__(
+        self, images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None, *, seed: int
+    ) -> np.ndarray:
+        """Return a chunk; it draws nothing, whatever the seed."""
         import torch  # noqa: PLC0415
         from lerobot.policies.act.modeling_act import ACTPolicy  # noqa: PLC0415
         from lerobot.policies.factory import make_pre_post_processors  # noqa: PLC0415
 
+        del seed
         if self._loaded is None:
             policy = ACTPolicy.from_pretrained(CACHE / self.kind).eval()
             self._loaded = (policy, *make_pre_post_processors(policy.config, pretrained_path=str(CACHE / self.kind)))
@@ -132,45 +225,73 @@ class Callable:
 sees, privileged = Callable("sees"), Callable("privileged")
 
 
-def bank_of(kind: str) -> Path:
-    """Return the bank of a kind's data set, imported once."""
-    from eyechart.formats import FORMATS  # noqa: PLC0415
-    from eyechart.importing.bank import Choices  # noqa: PLC0415
-    from eyechart.importing.lerobot import Horizon  # noqa: PLC0415
+def kept(name: str, make: Made[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return a row from disk, or make it and keep it there."""
+    file = CACHE / "rows" / f"{name.replace(' ', '-')}.json"
+    if not file.is_file():
+        row = make()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(row))
+        sys.stdout.write(f"{name}: done\n")
+        sys.stdout.flush()
+    return dict(json.loads(file.read_text()))
 
-    data, bank = CACHE / f"data-{kind}", CACHE / f"bank-{kind}"
-    if not data.is_dir():
-        write_data(kind, data)
-    if not bank.is_dir():
-        FORMATS["lerobot"].importer()(data, out=bank, choices=Choices(every=EVERY), ahead=Horizon(HORIZON, "delta"))
-    return bank
+
+def asked(kind: str, way: str) -> dict[str, Any]:
+    """Ask a policy by the command line, up to a gate; return its verdict, and what each command took."""
+    bank, run, name = CACHE / f"bank-{kind}", CACHE / f"run-{way}-{kind}", f"{way}-{kind}"
+    spec = f"lerobot:{CACHE / kind}" if way == "lerobot" else f"python:lerobot_checkpoints:{kind}"
+    steps = {
+        "run": ["run", "policy", "--policy", spec, "--frames", str(bank), "--out", str(run)],
+        "verdict": ["verdict", str(run), "--json"],
+    }
+    took = {step: made(CACHE, f"{name}-{step}", [*EYECHART, *words]) for step, words in steps.items()}
+    verdict = json.loads((CACHE / f"{name}-verdict.out").read_text())["policies"][spec]
+    code = 2 if verdict["guards"] or verdict["camera"] == "undecided" else int(verdict["camera"] not in SEEING)
+    gate = ["gate", str(run), "--require", "camera:camera_content"]
+    took["gate"] = made(CACHE, f"{name}-gate", [*EYECHART, *gate], code)
+    return {**{part: verdict[part] for part in KEPT}, "gate": code, "took": took}
+
+
+def imported(kind: str) -> dict[str, Any]:
+    """Have LeRobot write the bank's data set, import it by the command line, and plan; return what each took."""
+    data, bank, history = CACHE / f"data-{kind}", CACHE / f"bank-{kind}", KINDS[kind].history
+    write_data(kind, data)
+    words = ["--format", "lerobot", "--horizon", str(HORIZON), "--every", str(EVERY), "--kind", "delta"]
+    words += ["--history", str(history)] if history else []
+    steps = {"import": ["frames", "import", str(data), *words, "--out", str(bank)], "plan": ["plan", str(bank)]}
+    return {step: made(CACHE, f"{kind}-{step}", [*EYECHART, *words]) for step, words in steps.items()}
+
+
+def policy_of(kind: str) -> tuple[dict[str, Any], list[str]]:
+    """Return all that is found of a policy, and what of it is not as it should be."""
+    ways = ("lerobot", "callable") if KINDS[kind].type == "act" else ("lerobot",)
+    found = {"trained": kept(f"trained {kind}", lambda: train(kind))}
+    found["bank"] = kept(f"bank {kind}", lambda: imported(kind))
+    found |= {way: kept(f"{way} {kind}", lambda way=way: asked(kind, way)) for way in ways}
+    said = [{part: found[way][part] for part in (*KEPT, "gate")} for way in ways]
+    amiss = [f"{kind}: the two ways differ"] if said[0] != said[-1] else []
+    for axis, labels in KINDS[kind].expected:
+        amiss += [f"{kind}: {axis} {said[0][axis]}"] if said[0][axis] not in labels else []
+    return found, amiss
 
 
 def main() -> int:
-    """Train what is not trained, ask in both ways, and write the result; returns the exit code."""
+    """Make the rows that are missing, and write the result; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=1500)
-    args = parser.parse_args()
+    parser.parse_args()
     CACHE.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("EYECHART_LEROBOT_PYTHON", sys.executable)
-    found, amiss = {}, []
-    for kind, expected in EXPECTED.items():
-        folder, bank = CACHE / kind, bank_of(kind)
-        if not (folder / "trained.json").is_file():
-            train(kind, args.steps, folder)
-        own = found[kind] = {"trained": json.loads((folder / "trained.json").read_text())}
-        for way, spec in zip(WAYS, (f"lerobot:{folder}", f"python:lerobot_checkpoints:{kind}"), strict=True):
-            begun = time.monotonic()
-            verdict = asked(spec, bank, CACHE / f"run-{way}-{kind}")
-            own[way] = {**{name: verdict[name] for name in KEPT}, "seconds": round(time.monotonic() - begun)}
-        said = [{name: own[way][name] for name in KEPT} for way in WAYS]
-        amiss += [f"{kind}: the two ways differ"] if said[0] != said[1] else []
-        amiss += [
-            f"{kind}: {axis} {own['lerobot'][axis]}"
-            for axis, labels in expected.items()
-            if own["lerobot"][axis] not in labels
-        ]
-    RESULT.write_text(json.dumps({**act_tabletop.about(), "policies": found, "amiss": amiss}, indent=1) + "\n")
+    sets = {
+        name: kept(f"set {place}", lambda name=name, place=place: lerobot_sets.compare(name, CACHE / f"set-{place}"))
+        for place, name in enumerate(lerobot_sets.SETS)
+    }
+    policies, amiss = {}, [line for one in sets.values() for line in one.pop("amiss")]
+    for kind in KINDS:
+        policies[kind], wrong = policy_of(kind)
+        amiss += wrong
+    found = {**act_tabletop.about(), "sets": sets, "policies": policies, "amiss": amiss}
+    RESULT.write_text(json.dumps(found, indent=1) + "\n")
     sys.stdout.write("\n".join([*amiss, f"wrote {RESULT}"]) + "\n")
     return int(bool(amiss))
 

@@ -143,6 +143,13 @@ REWORDED: Mapping[str, str] = {
     ),
     r"and that another episode's changes more is not settled": "and that it is more is not settled",
     r"such a difference can come by chance": "such a difference comes by chance",
+    r"all of the action \(T ([^;)]*); another moment has T 1\)": r"all of the action and more (T \1)",
+    r"all of it \(T": "more than all (T",
+    r"but somewhere along the road it brakes harder for a farther lead": (
+        "but it brakes harder for a farther lead, somewhere along the road"
+    ),
+    r"; settled too: ": "; so are ",
+    r"calls, as (\w+) was settled": r"calls, by \1",
     r",? with the instants that it is given; a policy that needs earlier ones declares history": "",
 }
 """Sentences that are clearer since, by a pattern, and what stood there when digests were recorded."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from scipy.spatial.transform import Rotation as Turn
 
 from eyechart.frames import FrameBank
 from eyechart.importing import Choices, import_table, read_rig
@@ -41,10 +42,11 @@ def written(quaternion: Numbers, how: Representation, rng: np.random.Generator) 
     matrix = matrices(quaternion, "quat_xyzw")
     if how == "rot6d":
         return np.asarray(matrix[:, :2].T.ravel())
-    turns = [np.arctan2(matrix[2, 1], matrix[2, 2]), -np.arcsin(matrix[2, 0]), np.arctan2(matrix[1, 0], matrix[0, 0])]
+    one, two, three = Turn.from_quat([x, y, z, w]).as_euler(how[6:9])
     if rng.random() < 0.5:
-        turns = [turns[0] + np.pi, np.pi - turns[1], turns[2] + np.pi]
-    return np.array([(turn + np.pi) % (2 * np.pi) - np.pi for turn in turns])
+        one, two, three = one + np.pi, np.pi - two, three + np.pi
+    turns = np.array([(turn + np.pi) % (2 * np.pi) - np.pi for turn in (one, two, three)])
+    return np.rad2deg(turns) if how.endswith("_deg") else turns
 
 
 def quaternion_of(numbers: Numbers, how: Representation) -> Numbers:

@@ -10,11 +10,13 @@ import numpy as np
 from aiohttp import web
 from PIL import Image
 
-from eyechart.frames import FrameBank, decode
+from data_sets import write_table
+from eyechart.frames import FrameBank, decode, encode
 from eyechart.importing import Choices, import_table, read_rig
 from faults import completion
 from seeing import Endpoint, OllamaEndpoint, read
 
+PICTURE = "observation.images.front"
 PROMPT = """
 name = "drive"
 user = '''
@@ -54,6 +56,34 @@ def rover_bank(folder: Path, *, episodes: int = 16, length: int = 5, horizon: in
     return import_table(folder, folder / "t.csv", folder / "bank", chosen)
 
 
+def rover_set(root: Path, *, episodes: int = 12, length: int = 6) -> None:
+    """Write a LeRobotDataset of drives: the post says the heading to take, pace and task the pace to take."""
+    rng, tasks = np.random.default_rng(3), ("cross the yard", "park")
+    names = (PICTURE, "observation.state", "action", "timestamp", "frame_index", "episode_index", "index", "task_index")
+    columns: dict[str, list[object]] = {name: [] for name in names}
+    for drive in range(episodes):
+        post = int(rng.integers(2, 22))
+        heading, pace = steering(post), round(float(rng.uniform(0.5, 2.5)), 2)
+        for step in range(length):
+            place = post + int(rng.integers(-1, 2))
+            pixels = np.full((16, 24, 3), 60 + 5 * (drive % 7), np.uint8)
+            pixels[4:12, place : place + 1] = 255
+            done = [steering(place), pacing(pace, tasks[drive % 2])]
+            places = (np.float32(step / 10), step, drive, drive * length + step, drive % 2)
+            row = ({"bytes": encode(pixels), "path": None}, [heading, pace], done, *places)
+            for name, cell in zip(names, row, strict=True):
+                columns[name].append(cell)
+            heading, pace = done
+    lengths = {"episode_index": [*range(episodes)], "length": [length] * episodes}
+    write_table(root / "data/chunk-000/file-000.parquet", dict(columns))
+    write_table(root / "meta/episodes/chunk-000/file-000.parquet", dict(lengths))
+    write_table(root / "meta/tasks.parquet", {"task_index": [0, 1], "__index_level_0__": [*tasks]})
+    features: dict[str, object] = {PICTURE: {"dtype": "image", "shape": [16, 24, 3]}}
+    for name, parts in (("observation.state", ["heading", "pace"]), ("action", ["steer", "speed"])):
+        features[name] = {"dtype": "float32", "shape": [2], "names": parts}
+    (root / "meta/info.json").write_text(json.dumps({"codebase_version": "v3.0", "fps": 10, "features": features}))
+
+
 def steering(place: float) -> float:
     """Return where to steer, by the column of the post."""
     return (11.5 - place) / 12
@@ -90,9 +120,11 @@ class Driver(Endpoint):
         """Return steering and speed for a driver's prompt."""
         if "rover" not in user:
             return super().answer(user, picture, asked)
-        found = re.search(r"(\d+(?:\.\d+)?) m/s now", user) or re.search(r"\(pace\): (\d+(?:\.\d+)?)", user)
+        paces = (r"(\d+(?:\.\d+)?) m/s now", r"\(pace\): (\d+(?:\.\d+)?)", r"pace: \S+, (\d+(?:\.\d+)?)")
+        found = next(filter(None, (re.search(one, user) for one in paces)), None)
         pace = 1.0 if found is None else float(found[1])
-        speed, steer = pacing(pace, user), 0.3 * (pace - 1.5)
+        heading = re.search(r"pace: (-?\d+(?:\.\d+)?), ", user)
+        speed, steer = pacing(pace, user), 0.3 * (pace - 1.5) if heading is None else float(heading[1])
         if self.looks and picture is not None:
             pixels = decode(picture, "it").astype(float).sum(axis=2)[4:12].mean(axis=0)
             steer = steering(float(pixels.argmax())) if pixels.max() > pixels.min() + 1 else 0.0

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -12,9 +13,11 @@ import banks
 import eyechart
 from eyechart.api import PromptsReport, compare_prompts
 from eyechart.cli.app import app
-from eyechart.errors import SpecError
+from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.studies import prompts as study
+from faults import FaultServer
+from seeing import Endpoint
 
 
 def suggestible(prompt: str, image: bytes | None) -> str:
@@ -96,6 +99,20 @@ def test_it_makes_the_study_of_the_command_and_goes_on_with_it(bank: FrameBank, 
             (cell.name, cell.prompt, cell.statistics) for cell in steps
         ]
         assert found.score.cells[0].took.calls == 24
+
+
+def test_a_server_that_has_moved_is_gone_on_with_where_that_is_said(bank: FrameBank, tmp_path: Path) -> None:
+    """And losses of a ledger are accepted: what an error names as an argument is one."""
+    asked: dict[str, Any] = {"prompts": ("minimal", "baseline"), "out": tmp_path / "run", "probe": False, "limit": 1}
+    with FaultServer([Endpoint()]) as server:
+        compare_prompts(bank, "openai:m", base_url=server.base_url, **asked)
+    with FaultServer([Endpoint()]) as server:
+        with pytest.raises(LedgerError, match="or moved=True to continue there and record it"):
+            compare_prompts(bank, "openai:m", base_url=server.base_url, **asked)
+        found = compare_prompts(bank, "openai:m", base_url=server.base_url, moved=True, accept_loss=True, **asked)
+        assert server.requests == 0
+    for cell in found.score.batteries.values():
+        assert cell.manifest.mode("openai:m").base_url == server.base_url
 
 
 def test_a_page_of_it_is_written(report: PromptsReport, tmp_path: Path) -> None:

@@ -320,7 +320,10 @@ def test_a_share_above_one_is_no_percentage() -> None:
     """It is said to be all and more, with T as it is; an interval that ends above one ends above all."""
     above, across = Share(1.34, 72, (1.1, 1.6), episodes=12), share(0.7, 1.2)
     found = verdict(swap=above, matched=above)
-    assert "carry all of the action and more (T 1.34 [1.10, 1.60]), and more than all (T 1.34" in found.camera.because
+    assert (
+        "carry all of the action (T 1.34 [1.10, 1.60]; another moment has T 1), and all of it (T 1.34"
+        in found.camera.because
+    )
     assert "%" not in found.camera.because.partition("; when it is moved")[0]
     assert any(remark.startswith("A share above 1 (cameras) is no part of a whole") for remark in found.remarks)
     assert "carry 95.0 % [70.0, over 100] of the action" in verdict(swap=across, follow=None).camera.because

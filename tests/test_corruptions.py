@@ -1,12 +1,15 @@
 """Corruptions of a camera: graded, seeded, alike for the pictures of a frame, and asked as series."""
 
+import hashlib
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import banks
 from eyechart import api, cli
@@ -15,6 +18,7 @@ from eyechart.conditions import OF_BANKS, STEPPED, find_condition, show
 from eyechart.corruptions import CORRUPTIONS, STEPS, step_of
 from eyechart.errors import BankError, SpecError
 from eyechart.frames import MAIN, RGB, FrameBank, decode
+from eyechart.importing import Choices, import_table
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_manifest
 from eyechart.spaces.failures import says_cannot_see
@@ -236,7 +240,50 @@ def test_a_result_waits_for_its_last_step() -> None:
     made = {CLEAN: effect(0, 0.9), "series.fog_3": three, "series.fog_4": four}
     assert [one.reached for one in results(made)] == [None]
     assert results({**made, "series.fog_5": five})[0].words == "sees to fog 4 of 5"
-    low = {"series.rain_3": five, "series.rain_1": five, "series.rain_2": five}
+    low = {CLEAN: effect(0, 0.9), "series.rain_3": five, "series.rain_1": five, "series.rain_2": five}
     assert results(low)[0].words == "not shown in the mildest rain"
     assert read_series("all") == SERIES_OF
     assert read_series("rain, fog,rain") == ("rain", "fog")
+
+
+def test_without_an_interval_or_an_effect_in_clean_pictures_no_step_is_named() -> None:
+    """That a step is lost is a finding too: it needs six episodes, and something to lose."""
+    clean, short = StepEffect(0.9, 40, (0.8, 1.0)), StepEffect(1.0, 4, None, step=3)
+    (found,) = results({CLEAN: clean, "series.fog_3": short})
+    assert (found.reached, found.lost) == (None, short)
+    assert found.words == "fog: cannot say: an interval needs 6 episodes or more"
+    (found,) = results({CLEAN: replace(clean, ci=(-0.2, 0.3)), "series.fog_3": replace(short, ci=(0.5, 1.0))})
+    assert found.reached is None
+    assert found.words == "fog: no effect is shown in clean pictures"
+
+
+def test_a_reader_that_declines_most_frames_of_a_step_does_not_see_to_it(bank: FrameBank, tmp_path: Path) -> None:
+    """What it answers on the few others is no effect of the step: frames without an action have none."""
+    sure = reader(3.0)
+
+    def declines(prompt: str, picture: bytes | None) -> str:
+        clean = picture is not None and bool((decode(picture, "it")[1:3, :, 0] == 100).all())
+        few = hashlib.sha256(picture or b"").digest()[0] < 80
+        return sure(prompt, picture) if clean or few else "It is too foggy: I cannot see the road."
+
+    said = api.run_battery(bank, {"it": declines}, tmp_path / "run", series="fog", controls="none")
+    (found,) = results(said.score.models["python:it"].statistics)
+    assert found.reached == 0
+    assert found.lost is not None
+    assert found.lost.n == said.score.models["python:it"].statistics[CLEAN].n
+    assert found.lost.unseeing > found.lost.replies / 2
+
+
+def test_pictures_too_small_for_a_corruption_are_refused_before_the_first_call(tmp_path: Path) -> None:
+    """By a series and by a step's name; the other conditions of such a bank are asked."""
+    lines = ["file,episode"]
+    for number in range(6):
+        Image.fromarray(np.full((4, 40, 3), 30 * number, np.uint8)).save(tmp_path / f"{number}.png")
+        lines.append(f"{number}.png,{number}")
+    (tmp_path / "t.csv").write_text("\n".join(lines))
+    small = import_table(tmp_path, tmp_path / "t.csv", tmp_path / "bank", Choices())
+    for how in ({"series": "fog"}, {"conditions": ("real", "blank", "dirt_2")}):
+        with pytest.raises(BankError, match="has 40x4 pixels, and a corruption needs 8 on the shorter side"):
+            api.run_battery(small, {"it": sees}, tmp_path / "run", **how)  # type: ignore[arg-type]
+        assert not (tmp_path / "run").exists()
+    api.run_battery(small, {"it": sees}, tmp_path / "run", conditions=("real", "blank"))

@@ -15,7 +15,7 @@ from eyechart import bundle, models
 from eyechart.bundle import write_bundle
 from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError
-from eyechart.frames import FrameBank, as_png, decode, encode, open_bank
+from eyechart.frames import ENCODINGS, FrameBank, as_png, decode, encode, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN
@@ -141,7 +141,7 @@ def test_the_pictures_of_simulators_stay_byte_for_byte(tmp_path: Path) -> None:
     bank = Rover().build(tmp_path / "bank", seeds=(0,), steps=4)
     for frame in open_bank(bank.root):
         for picture in (bank.image(frame), *(bank.image(frame, name) for name in frame.counterfactuals)):
-            assert as_png(picture, frame.id) == picture
+            assert as_png(picture, frame.id, encode) == picture
 
 
 @pytest.mark.parametrize("change", ["interlaced", "palette", "cut", "more"])
@@ -157,7 +157,7 @@ def test_any_other_png_is_written_anew(change: str) -> None:
         head = made[12:28] + b"\1"
         made = made[:12] + head + zlib.crc32(head).to_bytes(4, "big") + made[33:]
     made = {"cut": made[:-12], "more": made + b"condition: real"}.get(change, made)
-    found = as_png(made, "a picture")
+    found = as_png(made, "a picture", encode)
     assert found == encode(decode(made, "a picture"))
     assert {*chunks(found)} == {b"IHDR", b"IDAT", b"IEND"}
 
@@ -173,25 +173,39 @@ def test_a_digest_is_that_of_what_left(mixed: FrameBank, tmp_path: Path) -> None
             assert sent.request_sha256 == planned.plan.query(sent.key, seen).sha256()
 
 
-def test_noise_is_stored_and_a_run_that_was_begun_before_goes_on_in_the_old_way(tmp_path: Path) -> None:
-    """The same pixels in both, an eighth of the work; which of them a run sends stands in its manifest."""
+def test_a_run_that_was_begun_with_another_encoding_goes_on_in_its_own_way(tmp_path: Path) -> None:
+    """The same pixels in all; which encoding a run sends stands in its manifest."""
     bank = Rover().build(tmp_path / "bank", seeds=(0,), steps=4)
-    made = {}
-    for encoding in ("png", "png-2"):
+    asked, made = ("real", "noise", "mirrored"), dict[str, dict[str, bytes]]()
+    for encoding in ("png", "png-2", "png-3"):
         out = tmp_path / encoding
-        planned = battery.plan(bank.root, ["scripted:constant"], out, conditions=("real", "noise"))
-        assert planned.manifest.encoding == "png-2"
-        plain = replace(planned.plan.bank, stores_noise=encoding == "png-2")
-        asked = replace(planned.plan, bank=plain)
-        battery.run(replace(planned, plan=asked, manifest=replace(planned.manifest, encoding=encoding)))
-        more = battery.plan(bank.root, ["scripted:constant"], out, conditions=("real", "noise", "blank"))
+        planned = battery.plan(bank.root, ["scripted:constant"], out, conditions=asked)
+        assert planned.manifest.encoding == "png-3"
+        plan = replace(planned.plan, bank=replace(planned.plan.bank, encoding=ENCODINGS[encoding]))
+        battery.run(replace(planned, plan=plan, manifest=replace(planned.manifest, encoding=encoding)))
+        more = battery.plan(bank.root, ["scripted:constant"], out, conditions=(*asked, "blank"))
         assert more.manifest.encoding == encoding
-        shown = Stimuli(more.plan.bank, more.plan.seed).show("noise", bank.frames[0].id)
-        (made[encoding],) = shown.images.values()
+        stimuli = Stimuli(more.plan.bank, more.plan.seed)
+        made[encoding] = {name: stimuli.show(name, bank.frames[0].id).images["main"] for name in asked}
         battery.run(more)
         write_bundle(out, tmp_path / f"{encoding}.zip", resamples=100)
         assert bundle.validate(tmp_path / f"{encoding}.zip").holds
-    old, new = made["png"], made["png-2"]
-    assert np.array_equal(decode(old, "old"), decode(new, "new"))
-    assert old == encode(decode(new, "new")) != new == as_png(new, "new")
-    assert {*chunks(new)} == {b"IHDR", b"IDAT", b"IEND"}
+    first, second, third = made.values()
+    for name in asked:
+        pixels = [decode(one[name], name) for one in made.values()]
+        assert np.array_equal(pixels[0], pixels[1])
+        assert np.array_equal(pixels[0], pixels[2])
+    assert first["mirrored"] == second["mirrored"] != third["mirrored"]
+    assert len({one["noise"] for one in made.values()}) == 3
+    for name, picture in third.items():
+        assert {*chunks(picture)} == {b"IHDR", b"IDAT", b"IEND"}
+        assert as_png(picture, name, encode) == picture
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (1, 7, 3), (9, 1, 3), (33, 41, 3), (1, 21845, 3), (3, 7281, 3)])
+def test_every_encoding_keeps_every_pixel(shape: tuple[int, int, int]) -> None:
+    """Of pictures of any size, also of views that are not contiguous."""
+    pixels = np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
+    for one in (pixels, pixels[::-1], pixels[:, ::-1]):
+        for write in {write for encoding in ENCODINGS.values() for write in encoding}:
+            assert np.array_equal(decode(write(one), "written"), one)

@@ -1,13 +1,19 @@
 """How control pictures were made: in banks, in rules, in verdicts and at the gate."""
 
+import errno
 import hashlib
 import json
+import os
+import signal
+import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.stats import binom, multinomial
 from typer.testing import CliRunner
 
@@ -15,15 +21,17 @@ import banks
 import by_hand as hand
 from drawn import by_hand
 from eyechart.cli.app import app
-from eyechart.errors import BankError, SourceError, SpecError
-from eyechart.frames import Provenance, check, declare, encode, open_bank
+from eyechart.errors import BankError, LedgerError, SourceError, SpecError
+from eyechart.frames import Provenance, check, declare, encode, open_bank, own_folder
 from eyechart.gate import Gate, hold
 from eyechart.importing import Choices, import_table
+from eyechart.manifest import alone_in
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.exact_difference import exact_bounds
 from eyechart.stats.paired_tests import ChangedPairs
 from eyechart.stats.statistic import Statistic, not_available
+from eyechart.studies.battery import merge
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.depth import NAMES
@@ -346,6 +354,104 @@ def test_a_bank_is_declared_in_place_and_its_runs_stay_valid(tmp_path: Path) -> 
     assert not list(root.glob(".manifest*"))
 
 
+def everything(root: Path) -> dict[str, bytes]:
+    """Return every file of a folder and beside it, hidden ones too."""
+    return {str(one): one.read_bytes() for one in sorted(root.parent.rglob("*")) if one.is_file()}
+
+
+def test_a_declaration_that_finds_no_room_changes_nothing(tmp_path: Path) -> None:
+    """It is called a full disk, and no part of a manifest is left."""
+    root = imported(tmp_path)
+    before = everything(root)
+    (root / ".manifest.json.part").symlink_to("/dev/full")
+    with pytest.raises(BankError, match=r"manifest\.json cannot be replaced: the disk is full; it is as it was"):
+        declare(root, "staged")
+    assert everything(root) == before
+    assert declare(root, "staged") == ""
+
+
+@pytest.mark.parametrize("refused", ["mkdir", "replace"])
+def test_a_declaration_of_what_is_read_only_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: str
+) -> None:
+    """Of the folder around the bank and of the bank; both stay as they are."""
+    root = imported(tmp_path)
+    before = everything(root)
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, refused, fails)
+        with pytest.raises(BankError, match="Read-only file system"):
+            declare(root, "staged")
+    assert everything(root) == before
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from eyechart.frames import declare
+place = sys.argv[2]
+def killed(*_): os.kill(os.getpid(), signal.SIGKILL)
+if place == "sync": os.fsync = killed
+if place == "replace": Path.replace = killed
+declare(Path(sys.argv[1]), "staged")
+"""
+
+
+@pytest.mark.parametrize("place", ["sync", "replace"])
+def test_a_declaration_that_is_killed_leaves_the_bank_as_it_was(tmp_path: Path, place: str) -> None:
+    """The same command then declares it, and takes away what was left."""
+    root = imported(tmp_path)
+    before = everything(root)
+    done = subprocess.run([sys.executable, "-c", KILLED, str(root), place], check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert {file: content for file, content in everything(root).items() if ".part" not in file} == before
+    assert open_bank(root).manifest.provenance == ""
+    assert check(root) == []
+    assert declare(root, "staged") == ""
+    assert {*everything(root)} == {*before}
+    assert open_bank(root).manifest.provenance == "staged"
+
+
+def test_a_bank_or_a_run_that_is_written_is_not_declared(tmp_path: Path) -> None:
+    """Whoever adds pictures replaces the manifest too, and one of the two would be lost."""
+    root, run = imported(tmp_path), tmp_path / "run"
+    words = ["run", "battery", "--frames", str(root), "--model", "scripted:depth", "--out", str(run)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    before = everything(root)
+    with own_folder(root, BankError):
+        said = CliRunner().invoke(app, ["frames", "declare", str(root), "--made", "staged"])
+    assert f"another process is writing {root}; wait for it" in str(said.exception)
+    with alone_in(run):
+        said = CliRunner().invoke(app, ["frames", "declare", str(run), "--made", "staged"])
+    assert f"another process is writing to {run}; wait for it" in str(said.exception)
+    assert everything(root) == before
+
+
+def test_all_folders_are_checked_before_one_is_declared(tmp_path: Path) -> None:
+    """A simulator's bank among them keeps the others as they are."""
+    root = imported(tmp_path)
+    said = CliRunner().invoke(app, ["frames", "declare", str(root), str(tmp_path / "made"), "--made", "staged"])
+    assert "rendered the pictures" in str(said.exception)
+    assert open_bank(root).manifest.provenance == ""
+
+
+def test_a_gate_on_edited_evidence_writes_nothing(tmp_path: Path) -> None:
+    """It reads a run, so that a full disk, a read-only folder and a kill find nothing to harm."""
+    record(banks.build_bank(tmp_path / "made").root)
+    root, run = _import_again(tmp_path), tmp_path / "run"
+    words = ["run", "battery", "--frames", str(root), "--model", "scripted:depth", "--out", str(run)]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    before = everything(run)
+    words = ["gate", str(run), "--require", "depth", "--evidence", "edited", "--json"]
+    said = CliRunner().invoke(app, words)
+    assert said.exit_code == 2, said.output
+    assert json.loads(said.stdout)["checks"]
+    assert everything(run) == before
+
+
 @pytest.mark.parametrize(("made", "says"), [("staged", "rendered the pictures"), ("edited", "they are not edited")])
 def test_what_a_simulator_drew_is_rendered(tmp_path: Path, made: Provenance, says: str) -> None:
     """Nobody's word makes it something else."""
@@ -370,3 +476,62 @@ def test_an_unknown_word_is_refused_with_those_that_there_are(tmp_path: Path) ->
     said = CliRunner().invoke(app, ["frames", "declare", str(root), "--made", "stagd"])
     assert "--made takes rendered, staged, edited, not 'stagd'; did you mean 'staged'?" in str(said.exception)
     assert open_bank(root).manifest.provenance == ""
+
+
+def test_a_run_and_its_bank_that_say_different_things_go_no_further(tmp_path: Path) -> None:
+    """A corrected bank leaves its runs behind: the command says so, and a resumed run asks which holds."""
+    root, run = imported(tmp_path, made="staged"), tmp_path / "run"
+    words = ["run", "battery", "--model", "scripted:constant", "--frames", str(root), "--out", str(run)]
+    words += ["--conditions", "real,blank"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    said = CliRunner().invoke(app, ["frames", "declare", str(root), "--made", "edited"])
+    assert "keep what it said before: name their folders too" in said.stderr
+    assert open_bank(run / "bank").manifest.made == "staged"
+    again = CliRunner().invoke(app, words)
+    assert isinstance(again.exception, LedgerError)
+    assert f"are edited by {root}, and staged by the run in {run}: say which with" in str(again.exception)
+    assert open_bank(run / "bank").manifest.made == "staged"
+    said = CliRunner().invoke(app, ["frames", "declare", str(root), str(run), "--made", "edited"])
+    assert "name their folders too" not in said.stderr
+    assert CliRunner().invoke(app, words).exit_code == 0
+
+
+def test_shards_that_say_different_things_are_no_one_run(tmp_path: Path) -> None:
+    """The merged run has what one of them says, whichever comes first, and no word for another."""
+    root = imported(tmp_path)
+    shards = [tmp_path / "one", tmp_path / "two"]
+    for number, shard in enumerate(shards, 1):
+        words = ["run", "battery", "--model", "scripted:constant", "--frames", str(root), "--out", str(shard)]
+        words += ["--conditions", "real,blank", "--shard", f"{number}/2"]
+        assert CliRunner().invoke(app, words).exit_code == 0
+    declare(shards[1] / "bank", "edited")
+    merge(shards, tmp_path / "merged")
+    assert open_bank(tmp_path / "merged" / "bank").manifest.made == "edited"
+    declare(shards[0] / "bank", "staged")
+    for order in (shards, shards[::-1]):
+        with pytest.raises(LedgerError, match="say which with 'eyechart frames declare'"):
+            merge(order, tmp_path / "other")
+        assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize("made", ["", "staged", "rendered"])
+def test_pictures_of_an_edit_are_edited_by_whatever_table_they_come(tmp_path: Path, made: Provenance) -> None:
+    """A table elsewhere leaves the record behind; only the photographs themselves are imported without it."""
+    edited = tmp_path / "all" / "edited"
+    for name in ("taken", "lead_near", "lead_far"):
+        (edited / name).mkdir(parents=True)
+        for number in range(3):
+            pixels = np.full((12, 16, 3), 20 * number + len(name), np.uint8)
+            Image.fromarray(pixels).save(edited / name / f"{number}.png")
+    record(edited, pictures={"lead_near": 3, "lead_far": 3})
+    moved = tmp_path / "moved.csv"
+    for folder, below in ((edited, ""), (tmp_path / "all", "edited/")):
+        cells = ("taken", "lead_near", "lead_far")
+        rows = [",".join(f"{below}{name}/{number}.png" for name in cells) for number in range(3)]
+        moved.write_text("\n".join(["file,lead_near,lead_far", *rows]))
+        with pytest.raises(SourceError, match=r"'.*lead_near/0.png' was made by an edit, as .*edit.json says"):
+            import_table(folder, moved, tmp_path / "bank", Choices(made=made))
+        assert not (tmp_path / "bank").exists()
+    assert import_table(edited.parent, moved, tmp_path / "bank", Choices(made="edited")).manifest.made == "edited"
+    moved.write_text("\n".join(["file", *(f"taken/{number}.png" for number in range(3))]))
+    assert import_table(edited, moved, tmp_path / "plain", Choices()).manifest.made == ""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation as Turn
 
 from eyechart.api import PolicyReport, examine_policy, run_policies
 from eyechart.calls import Reply
@@ -17,13 +18,16 @@ from eyechart.stats.partners import NOBODY
 from rotated_logs import of_vector, product, rotated_bank, rotated_policy, written
 
 Reports = dict[Representation, PolicyReport]
+ANGLES = [one for one in REPRESENTATIONS if one.startswith("euler")]
+COMPARED = [one for one in REPRESENTATIONS if not one.endswith("_deg") or one == "euler_ZYX_deg"]
+"""Degrees of one order are enough for whole runs."""
 
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
     """Return the reports on one policy and one log in every representation."""
     found, root = {}, tmp_path_factory.mktemp("rotations")
-    for how in REPRESENTATIONS:
+    for how in COMPARED:
         bank = rotated_bank(root / how, how)
         found[how] = run_policies(bank, {"mine": rotated_policy(how)}, root / how / "run")
     return found
@@ -31,7 +35,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
 
 def test_shares_and_verdicts_are_equal_in_every_representation(reports: Reports) -> None:
     """Of the cameras and of the state, with their intervals; and the labels, guards and partners."""
-    first, *others = (reports[how] for how in REPRESENTATIONS)
+    first, *others = (reports[how] for how in COMPARED)
     mine = first["python:mine"]
     assert (mine.channels["cameras"].value or 0.0) > 0.1
     assert not mine.guards
@@ -83,6 +87,16 @@ def test_a_rotation_is_one_matrix_whatever_its_sign_and_wrap(how: Representation
         assert float(angle(compared(between))) == pytest.approx(size, abs=2e-6)
         assert np.linalg.norm(vectors(between)) == pytest.approx(size, abs=1e-6)
         assert matrices(vectors(between), "axis_angle") == pytest.approx(between, abs=1e-6)
+
+
+@pytest.mark.parametrize("how", ANGLES)
+def test_three_angles_are_the_rotation_that_scipy_makes_of_their_word(how: Representation) -> None:
+    """Fixed axes in small letters, axes that turn along in capitals, radians or degrees."""
+    numbers = np.random.default_rng(2).uniform(-3, 3, (9, 3)) * (50 if how.endswith("_deg") else 1)
+    expected = Turn.from_euler(how[6:9], numbers, degrees=how.endswith("_deg")).as_matrix()
+    np.testing.assert_allclose(matrices(numbers, how), expected, rtol=0, atol=1e-12)
+    others = [one for one in ANGLES if one != how]
+    assert all(np.abs(matrices(numbers, one) - expected).max() > 0.1 for one in others)
 
 
 def space(*rotations: Rotation, **how: object) -> MotionSpace:

@@ -132,7 +132,7 @@ def test_a_bank_that_lacks_the_pictures_is_told_so_and_what_they_show() -> None:
     lacks = replace(given, absent=tuple(name for name in simulated.RANGED if name != "lead_near_nudged"))
     why = judge_one(lacks).why_not
     assert why.settle.startswith("pictures that the bank lacks: 'eyechart frames build --add-to BANK' draws them")
-    assert "exchange_beside: the one beside the path there, the obstacle ahead far" in why.settle
+    assert "exchange_beside: the one beside the path there, the lead far" in why.settle
     assert "not asked" not in why.settle
     odd = judge_one(replace(lacks, bank="a; b")).why_not
     way = "pictures that the bank lacks: 'eyechart frames build --add-to 'a; b'' draws them of a simulator's world"
@@ -147,7 +147,7 @@ def test_a_bank_that_lacks_the_pictures_is_told_so_and_what_they_show() -> None:
         assert f"'{command} {word}' draws" in known.checks[0].because
     observed = evidence_on(simulated.answers(graded, WORLD, counterfactuals=False))
     moved = judge_one(replace(observed, absent=("lead_near", "lead_far"))).why_not
-    assert "lead_near: the obstacle ahead near" in moved.settle
+    assert "lead_near: the lead near" in moved.settle
 
 
 @pytest.mark.parametrize("share", [0.03, 0.06, 0.12])

@@ -9,6 +9,8 @@ from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, get_args, get_type_hints
 
+from msgspec import to_builtins
+
 from eyechart.frames import Stimulus
 from eyechart.messages import Turn
 from eyechart.seeds import key_seed
@@ -113,7 +115,7 @@ class Query:
     messages: tuple[Turn, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "schema", _own(self.schema))
+        object.__setattr__(self, "schema", to_builtins(self.schema, enc_hook=dict))
 
     @property
     def images(self) -> tuple[bytes, ...]:
@@ -149,19 +151,15 @@ class Query:
 
     def sha256(self) -> str:
         """Return the digest of the content without the seed: an audit column, never a cache key."""
-        digest, seen = hashlib.sha256(), self.stimulus
-        for part in (
-            self.system.encode(),
-            self.user.encode(),
-            _pictured(seen),
-            *_bound(self.schema),
-            *_stated(seen),
-            *(part for one in seen.past for part in (b"past", _pictured(one), *_stated(one))),
-            *(part for turn in self.messages for part in turn.digests()),
-        ):
-            digest.update(len(part).to_bytes(8, "big"))
-            digest.update(part)
-        return digest.hexdigest()
+        seen = self.stimulus
+        parts = [self.system.encode(), self.user.encode(), _pictured(seen), *_bound(self.schema), *_stated(seen)]
+        for one in seen.past:
+            parts += (b"past", _pictured(one), *_stated(one))
+        for turn in self.messages:
+            parts += turn.digests()
+        return hashlib.sha256(
+            b"".join([one for part in parts for one in (len(part).to_bytes(8, "big"), part)])
+        ).hexdigest()
 
 
 def _pictured(seen: Stimulus) -> bytes:
@@ -175,13 +173,6 @@ def _pictured(seen: Stimulus) -> bytes:
 def _stated(seen: Stimulus) -> list[bytes]:
     """Return the digest's input for a state; none without one."""
     return [b"state" + json.dumps(dict(seen.state), sort_keys=True).encode()] if seen.state else []
-
-
-def _own(schema: Any) -> Any:  # noqa: ANN401 - JSON of the same shape
-    """Return a deep copy of a JSON schema."""
-    if isinstance(schema, Mapping):
-        return {name: _own(one) for name, one in schema.items()}
-    return type(schema)(map(_own, schema)) if isinstance(schema, list | tuple) else schema
 
 
 def _bound(schema: Mapping[str, object]) -> list[bytes]:
@@ -339,6 +330,7 @@ _KINDS = {
     if name != "error"
 }
 _numbers, _values = attrgetter(*MOST), attrgetter(*_KINDS)
+_DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 def bounded(reply: Reply) -> Reply:
@@ -355,6 +347,8 @@ def misfit(reply: Reply) -> str | None:
             return f"its {name} is a {type(value).__name__}"
     if reply.error is not None and reply.error not in get_args(ErrorKind):
         return f"its error is none of {', '.join(get_args(ErrorKind))}"
+    if reply.payload_sha256 is not None and not _DIGEST.fullmatch(reply.payload_sha256):
+        return "its payload_sha256 is no SHA-256"
     return None
 
 

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import socket
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +14,9 @@ from eyechart.processes import open_pool
 
 ENGINES = ("local", "ray")
 """Where a run's work is done: on this machine, or on a cluster."""
+
+_REACHED_S = 10.0
+"""The longest time in seconds in which a cluster's address must take a connection."""
 
 T = TypeVar("T")
 
@@ -32,6 +36,9 @@ def join() -> Any:  # noqa: ANN401 - the module of an extra
     owner's decision. Raises SpecError if Ray is not installed, no cluster is named, or none
     answers.
     """
+    os.environ.setdefault(
+        "RAY_NUM_REDIS_GET_RETRIES", "1"
+    )  # of 20, it asks what is no cluster for a quarter of an hour
     try:
         import ray  # noqa: PLC0415 - an extra
     except ImportError as error:
@@ -42,9 +49,25 @@ def join() -> Any:  # noqa: ANN401 - the module of an extra
             raise SpecError(
                 "--engine ray joins a Ray cluster: name it in RAY_ADDRESS, as HOST:PORT, or 'auto' on a node"
             )
+        _require_there(address)
         with raising(SpecError, f"no Ray cluster answers at {address}", of=(ConnectionError, ValueError, RuntimeError)):
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     return ray
+
+
+def _require_there(address: str) -> None:
+    """Raise SpecError for an address that begins a cluster, or at which nothing answers.
+
+    Ray itself tries a dead address for minutes.
+    """
+    if address == "local":
+        raise SpecError(
+            "RAY_ADDRESS=local begins a cluster, and eyechart begins none: name one as HOST:PORT, or 'auto' on a node"
+        )
+    host, _, port = address.rpartition(":")
+    if host and "/" not in address and port.isdigit():
+        with raising(SpecError, f"no Ray cluster answers at {address}"):
+            socket.create_connection((host.strip("[]"), int(port)), timeout=_REACHED_S).close()
 
 
 def actor(kind: type[Any], *given: object, gpus: float = 0.0) -> Any:  # noqa: ANN401 - a handle of Ray
@@ -91,7 +114,7 @@ def _on_nodes(work: Callable[[Any], T], tasks: Iterable[object], workers: int) -
     """Yield the results of tasks in their order, with twice ``workers`` of them under way.
 
     A task that loses its worker is made again on another. Raises EyechartError with the words of a
-    task's own error.
+    task's own error, or of its worker's loss.
     """
     ray = join()
 
@@ -110,7 +133,8 @@ def _on_nodes(work: Callable[[Any], T], tasks: Iterable[object], workers: int) -
                 under_way.append(remote.remote(task))
             if not under_way:
                 return
-            kind, value = ray.get(under_way.popleft())
+            with raising(EyechartError, "a task on the cluster was lost", of=ray.exceptions.RayError):
+                kind, value = ray.get(under_way.popleft())
             if kind == "failed":
                 raise EyechartError(str(value))
             yield value

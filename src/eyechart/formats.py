@@ -18,7 +18,8 @@ class Format:
     ``ahead`` that are in ``options``; ``convert`` is an option too. ``folder`` says what the folder
     is. Without a table, a folder with the file ``sign`` is of the format, and a file that begins
     with ``magic``, or a folder with such a file. ``extra`` installs its libraries, and ``refuses``
-    says why it does not take another format's option.
+    says why it does not take another format's option. ``reads`` is ``module:function`` too: it
+    opens a data set without its pictures, so that a look knows how many frames there are.
     """
 
     opens: str
@@ -27,6 +28,7 @@ class Format:
     sign: str = ""
     magic: bytes = b""
     extra: str = ""
+    reads: str = ""
     refuses: Mapping[str, str] = field(default_factory=dict)
 
     def is_of(self, folder: Path) -> bool:
@@ -41,7 +43,15 @@ class Format:
 
     def importer(self) -> Callable[..., Any]:
         """Return the function that makes the bank; raises SourceError without its extra."""
-        module, _, function = self.opens.partition(":")
+        return self._function(self.opens)
+
+    def length(self, folder: Path) -> int:
+        """Return the number of a data set's frames; raises SourceError where it cannot be read."""
+        lengths = self._function(self.reads)(folder, None, every=True).episodes.lengths
+        return sum(length or 0 for length in lengths.values())
+
+    def _function(self, place: str) -> Callable[..., Any]:
+        module, _, function = place.partition(":")
         try:
             result: Callable[..., Any] = getattr(import_module(module), function)
         except ImportError as error:
@@ -66,6 +76,7 @@ FORMATS: dict[str, Format] = {
         ("camera", "ahead"),
         sign="meta/info.json",
         extra="lerobot",
+        reads="eyechart.importing.lerobot:read_dataset",
         refuses={
             "convert": "--convert is for the pictures of --table: those of a LeRobotDataset are made from its videos"
         },
@@ -76,6 +87,7 @@ FORMATS: dict[str, Format] = {
         ("camera", "ahead", "rate"),
         magic=b"\x89HDF\r\n\x1a\n",
         extra="hdf5",
+        reads="eyechart.importing.demonstrations:read_demonstrations",
         refuses={"convert": "--convert is for the pictures of --table: those of HDF5 are taken as they are stored"},
     ),
 }
@@ -102,6 +114,11 @@ def unread(name: str | None, folder: Path) -> str:
 
 def _has(folder: Path, patterns: Sequence[str]) -> bool:
     return folder.is_dir() and any(next(folder.glob(pattern), None) is not None for pattern in patterns)
+
+
+def format_of_data_set(folder: Path) -> Format:
+    """Return the format of a data set by its content; where nothing tells, a LeRobotDataset."""
+    return next((one for one in FORMATS.values() if one.reads and one.is_of(folder)), FORMATS["lerobot"])
 
 
 def takers(option: str) -> str:

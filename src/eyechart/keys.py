@@ -62,9 +62,10 @@ _ESCAPE = pattern(
 _CODES = pattern(r"(?<!\d)\d{1,3}(?:[\s,;]+\d{1,3}){7,}(?!\d)")
 _BETWEEN = " \t\r\n:"
 """Characters that may separate the digits of one encoded value."""
-_HEX_RUN = pattern(r"(?:[0-9A-Fa-f][ \t\r\n:]*){16,}")
-_BASE64_RUN = pattern(r"(?:[A-Za-z0-9+/_-](?:[ \t]*[\r\n]+[ \t]*)?){11,}")
-_BASE32_RUN = pattern(r"(?:[A-Za-z2-7](?:[ \t]*[\r\n]+[ \t]*)?){13,}")
+_HEX_RUN = pattern(r"(?<![0-9A-Fa-f])(?:[0-9A-Fa-f][ \t\r\n:]*+){16,}")
+_BASE64_RUN = pattern(r"(?<![A-Za-z0-9+/_-])(?:[A-Za-z0-9+/_-](?:[ \t]*[\r\n]+[ \t]*)?){11,}")
+_BASE32_RUN = pattern(r"(?<![A-Za-z2-7])(?:[A-Za-z2-7](?:[ \t]*[\r\n]+[ \t]*)?){13,}")
+"""Whole runs of digits: a match that begins within a run is tried in vain."""
 _BREAKS = {ord("n"): "\n", ord("r"): "\r"}
 _ZERO = {4: "0", 6: "A", 5: "A"}
 """The zero digit of each alphabet, by the number of bits of a digit."""
@@ -121,7 +122,7 @@ def without_keys(text: str, keys: Mapping[str, str]) -> str:
         if len(key) < SHORTEST or len(text) < len(key):
             continue
         end, parts = len(text), list[str]()
-        for start, stop in sorted(set(_stretches(text, _looked_for(key), _NESTED)), reverse=True):
+        for start, stop in sorted(set(_stretches(text, _looked_for(key), len(key), _NESTED)), reverse=True):
             if stop <= end:
                 parts += [text[stop:end], mark]
                 end = start
@@ -138,17 +139,17 @@ def _looked_for(key: str) -> re.Pattern[str]:
     return re.compile("|".join(map(re.escape, dict.fromkeys((key, of_bytes)))), re.IGNORECASE)
 
 
-def _stretches(text: str, key: re.Pattern[str], deep: int) -> Iterator[tuple[int, int]]:
-    """Yield the spans of a key in a text, plain or encoded up to ``deep`` times."""
+def _stretches(text: str, key: re.Pattern[str], long: int, deep: int) -> Iterator[tuple[int, int]]:
+    """Yield the spans of a key of ``long`` characters, plain or encoded up to ``deep`` times."""
     for found in key.finditer(text):
         yield found.span()
-    for decoded, place in _decoded(text) if deep else ():
-        for start, stop in _stretches(decoded, key, deep - 1):
+    for decoded, place in _decoded(text, long) if deep else ():
+        for start, stop in _stretches(decoded, key, long, deep - 1):
             yield place(start)[0], place(stop - 1)[1]
 
 
-def _decoded(text: str) -> Iterator[tuple[str, Places]]:
-    """Yield the decoded text for each encoding that the text may be in."""
+def _decoded(text: str, long: int) -> Iterator[tuple[str, Places]]:
+    """Yield the decoded text for each encoding that the text may be in, and that may hold so much."""
     if _ESCAPE.search(text):
         yield _unescaped(text)
     if "\n" in text:
@@ -157,6 +158,8 @@ def _decoded(text: str) -> Iterator[tuple[str, Places]]:
         yield _of_codes(found)
     for run, bits, decode in ((_HEX_RUN, 4, bytes.fromhex), (_BASE64_RUN, 6, _of_base64), (_BASE32_RUN, 5, _of_base32)):
         for found in run.finditer(text):
+            if len(found[0]) * bits < 8 * long:
+                continue
             at = [found.start() + place for place, sign in enumerate(found[0]) if sign not in _BETWEEN]
             signs = "".join(text[one] for one in at)
             yield from _aligned(signs, at, bits, decode)
@@ -213,7 +216,7 @@ def _unescaped(text: str) -> tuple[str, Places]:
 
 def _sign(found: re.Match[str]) -> str:
     """Return the character of an escape."""
-    number = int(found["octal"], 8) if found["octal"] else int(found["hex"] or found["braced"] or "0", 16)
-    if number:
+    if digits := found["octal"] or found["hex"] or found["braced"]:
+        number = int(digits, 8 if found["octal"] else 16)
         return chr(number) if number <= sys.maxunicode else ""
     return html.unescape(found["entity"]) if found["entity"] else found["plain"].translate(_BREAKS)

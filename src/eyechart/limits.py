@@ -183,12 +183,13 @@ class Budget:
         """Count the cost of an attempt that ended."""
         self._under_way -= 1
         self._asking[model] -= 1
-        self._came.set()
-        self._came = asyncio.Event()
         if reply.error in UNASKED:
             self._sent -= 1
         elif self.limits.cost_usd is not None:
             self._add(model, reply)
+        if self.limits.cost_usd is not None:
+            self._came.set()
+            self._came = asyncio.Event()
         if is_asking_too_much(reply):
             asked = f"its server asks for a pause of {reply.retry_after_s:.0f} s (Retry-After)"
             ends = f"a run waits at most {LONGEST_WAIT_S:.0f} s; the same command goes on later"

@@ -4,6 +4,7 @@ import datetime as dt
 import json
 import os
 import platform
+import shlex
 import shutil
 import sqlite3
 from collections.abc import Container, Iterable, Iterator, Mapping
@@ -16,7 +17,16 @@ from eyechart import __version__
 from eyechart.conditions import find_condition
 from eyechart.corruptions import CORRUPTIONS
 from eyechart.errors import LedgerError, SpecError, raising, require_known, text_file, why
-from eyechart.frames import BankManifest, FrameBank, locked, open_bank, read_bank_manifest
+from eyechart.frames import (
+    AS_STORED,
+    ENCODINGS,
+    NEWEST,
+    BankManifest,
+    FrameBank,
+    locked,
+    open_bank,
+    read_bank_manifest,
+)
 from eyechart.limits import NOTHING, Limits, Usage, added
 from eyechart.models.prices import Prices
 from eyechart.models.sources import changed, is_formerly
@@ -39,14 +49,6 @@ OWN = ".own"
 """Marks a bank that was made in this folder for this run alone."""
 BESIDE = ("vetting.json", "seen.json")
 """Files that may precede a run's episodes: the worlds that an online run chose."""
-
-
-STORED, PNG, PNG_2 = ENCODINGS = ("stored", "png", "png-2")
-"""How pictures are sent: as the bank holds them, or all as 8-bit PNGs of pixels alone.
-
-Such PNGs look alike as files. The second encoding does not compress noise: that took half of a
-call's time and saved no bytes.
-"""
 
 MOST_CONDITIONS, MOST_ANSWERS = 1_000, 10_000
 """The most conditions of a run, and the most answers per question from a sampling policy."""
@@ -154,7 +156,7 @@ class Manifest:
             raise LedgerError(
                 f"this run asked {spec} at {mine.base_url or 'the usual address'}, but its address, key, "
                 f"headers or patience have changed ({theirs.base_url or 'the usual address'}): give the same, "
-                "or --moved to continue there and record it"
+                "another --out for another run, or 'eyechart run' with --moved to continue there and record it"
             )
         mine, theirs = mine.request(), theirs.request()
         name = next(one.name for one in fields(mine) if getattr(mine, one.name) != getattr(theirs, one.name))
@@ -232,7 +234,6 @@ class RunManifest(Manifest):
     ``auto``, those that each model's answers need, in later stages; or all, among ``conditions``.
     ``controls_seed`` is the seed of the bank's controls, or None. ``answers`` is the number of
     answers per question from a sampling policy. ``encoding`` says how pictures are sent.
-    ``series`` are corruptions whose steps follow in later stages.
     ``series`` are corruptions whose steps are asked in later stages.
     """
 
@@ -276,7 +277,7 @@ class RunManifest(Manifest):
     controls: str = "none"
     controls_seed: int | None = None
     answers: int = 1
-    encoding: str = STORED
+    encoding: str = AS_STORED
     series: tuple[str, ...] = ()
 
     def require_reader(self, path: Path, known: tuple[int, ...], *, reread: bool) -> None:
@@ -307,7 +308,7 @@ class RunManifest(Manifest):
             versions=versions(),
             modes=modes,
             facts={spec: dict(facts) for spec, (_, facts) in who.items() if facts},
-            encoding=PNG_2,
+            encoding=NEWEST,
             **asked,
         )
 
@@ -437,10 +438,19 @@ def write_run(out: Path, manifest: RunManifest, bank: FrameBank) -> None:
 
 
 def _take_added(copy: Path, bank: FrameBank) -> None:
-    """Copy additions to a run's bank: pictures that its manifest names now, and how they were made."""
+    """Copy additions to a run's bank: pictures that its manifest names now, and how they were made.
+
+    Raises LedgerError if both say how they were made, and not the same.
+    """
     then, now = (folder / "manifest.json" for folder in (copy, bank.root))
-    before = read_bank_manifest(copy)
-    more = bank.manifest.images.keys() - before.images.keys() or bank.manifest.made not in {"", before.made}
+    before, made = read_bank_manifest(copy), bank.manifest.made
+    if made and before.made and made != before.made:
+        raise LedgerError(
+            f"the control pictures are {made} by {bank.root}, and {before.made} by the run in {copy.parent}: "
+            f"say which with 'eyechart frames declare {shlex.quote(str(bank.root))} {shlex.quote(str(copy.parent))} "
+            "--made WORD'"
+        )
+    more = bank.manifest.images.keys() - before.images.keys() or (made and not before.made)
     if more and before.fingerprint == bank.manifest.fingerprint and now.is_file():
         partial = copy / ".manifest.json"
         shutil.copyfile(now, partial)

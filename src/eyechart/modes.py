@@ -397,7 +397,8 @@ def _refuse_secrets(mode: RequestMode) -> None:
     for variable, value in _secrets():
         if value in held:
             raise SecretError(
-                f"the mode holds the value of the environment variable {variable}; write ${variable} in single quotes"
+                f"the mode holds the value of the environment variable {variable}, which may be secret: write "
+                f"'${variable}' in single quotes, so that the shell leaves the name"
             )
 
 

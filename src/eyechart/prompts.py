@@ -125,12 +125,14 @@ class Prompt:
 
     def _filling(self, said: Mapping[str, object], actions: Sequence[str]) -> Callable[[str], str]:
         """Return the function that replaces the fields in a text."""
+        if not self.template:
+            return str
         values = {**said, ACTIONS: ", ".join(actions)}
 
         def fill(match: re.Match[str]) -> str:
             return f"{{{match.group(1)}}}" if match.group(1) else str(values[match.group(2)])
 
-        return lambda text: _FIELD.sub(fill, text) if self.template else text
+        return lambda text: _FIELD.sub(fill, text)
 
     def query(self, seen: Stimulus, seed: int, space: AnySpace | None = None) -> Query:
         """Return the query for a stimulus and an answer in ``space``; every Query is built here."""

@@ -70,7 +70,7 @@ class Plan:
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     turns: tuple[tuple[str, ...], ...] = ()
 
-    @property
+    @cached_property
     def space(self) -> AnySpace:
         """Return the space of answers: the prompt's own, or the bank's actions."""
         return self.prompt.asks(self.bank.manifest.action_space)

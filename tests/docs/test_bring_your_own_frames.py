@@ -17,7 +17,9 @@ from eyechart.prompts import read_prompt
 from eyechart.spaces.discrete import DRIVING, read_space
 from eyechart.spaces.fields import AnswerField
 
-PAGE = (Path(__file__).parents[2] / "docs/bring-your-own-frames.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = ("bring-your-own-frames", "frames-reference", "own-prompts")
+PAGE = "\n".join((DOCS / f"{name}.md").read_text(encoding="utf-8") for name in PAGES)
 
 
 def blocks(kind: str) -> list[str]:
@@ -39,7 +41,7 @@ def test_its_commands_and_options_exist() -> None:
 
 def test_its_example_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The TOML files are read, and the Python makes a bank with nothing missing."""
-    rig, motion, _, space, prompt, placed, several, *_ = blocks("toml")
+    rig, motion, _, _, space, prompt, placed, several, *_ = blocks("toml")
     (tmp_path / "rig.toml").write_text(rig)
     left, right = read_rig(tmp_path / "rig.toml").cameras
     assert (left.name, left.mirrors) == ("left_wrist", right.name)

@@ -76,7 +76,7 @@ def test_its_workflow_is_executed_and_an_unchanged_prompt_costs_no_call(tmp_path
     assert codes[2] == 0
     assert set(codes) <= {0, 1, 2}
     assert "<testsuites" in (tmp_path / "looks.xml").read_text()
-    assert page.read_text().startswith("| looks? | who | because |\n| --- | --- | --- |\n| **")
+    assert page.read_text().startswith("| looks? | model | because |\n| --- | --- | --- |\n| **")
 
 
 @pytest.mark.parametrize("name", ["bank", "mode.toml", "run", "report.html", "summary.md"])

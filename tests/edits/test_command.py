@@ -14,7 +14,9 @@ from typer.testing import CliRunner, Result
 import edited_worlds
 from eyechart.cli.app import app
 from eyechart.conditions import CONTROLS, COUNTERFACTUALS
-from eyechart.edits import PICTURES
+from eyechart.edits import PICTURES, Photo
+from eyechart.edits.controls import EVERY, Edit
+from eyechart.edits.sheet import Sheets
 from eyechart.frames import check, open_bank
 
 NEAR_FAR = ("--near", "2.6:4.4", "--far", "18:27")
@@ -187,6 +189,53 @@ def test_a_lead_without_a_distance_is_no_row_without_a_lead(brought: Path, tmp_p
     lead = next(one.lead for one in edited_worlds.moments("rover", 36) if one.file == taken)
     assert lead is not None
     assert float(found[f"taken/{taken}"]["gap"]) == pytest.approx(lead.gap_m, rel=0.03)
+
+
+def test_a_lead_that_is_not_in_its_picture_gives_no_gap(brought: Path, tmp_path: Path) -> None:
+    """Its photograph would say that something is ahead that nobody sees in it."""
+    rows = rows_of(brought / "objects.csv")
+    number, first = next((place, one) for place, one in enumerate(rows, 1) if one["role"] == "lead")
+    taken = first["file"]
+    first |= {"x0": "900", "x1": "940", "mask": ""}
+    with (brought / "outside.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    assert edit(brought, tmp_path / "edited", objects="outside.csv").exit_code == 0
+    assert f"taken/{taken}" not in {row["file"] for row in rows_of(tmp_path / "edited" / "table.csv")}
+    assert not (tmp_path / "edited" / "taken" / taken).exists()
+    record = json.loads((tmp_path / "edited" / "edit.json").read_text())
+    assert [one for one in record["refused"] if one["file"] == taken] == [
+        {
+            "file": taken,
+            "picture": "real",
+            "reason": f"outside.csv, row {number}: the box of its lead is outside of the picture",
+        }
+    ]
+
+
+def test_a_row_with_too_few_cells_is_one_fault(brought: Path, tmp_path: Path) -> None:
+    """It is not said besides that its cells are empty; and an empty file cannot be left out by an option."""
+    objects = (brought / "objects.csv").read_text()
+    (brought / "short.csv").write_text(f"file,episode\n{rows_of(brought / 'photos.csv')[0]['file']},a\nempty.png\n")
+    (brought / "broken.csv").write_text(f"{objects}empty.png,1,2\n")
+    said = str(edit(brought, tmp_path / "out", table="short.csv").exception)
+    assert said == f"{brought / 'short.csv'}, row 2 has 1 cells; the header has 2"
+    said = str(edit(brought, tmp_path / "out", objects="broken.csv").exception)
+    count = len(rows_of(brought / "objects.csv")) + 1
+    assert said == f"{brought / 'broken.csv'}, row {count} has 3 cells; the header has 8"
+    (brought / "short.csv").write_text("file,episode\n,a\n")
+    said = str(edit(brought, tmp_path / "out", table="short.csv").exception)
+    assert said == "short.csv, row 1: the file is empty; each row names its photograph"
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_sheet_says_why_a_hole_could_not_be_filled(tmp_path: Path) -> None:
+    """As it says every other reason for a photograph without control pictures."""
+    picture = np.zeros((40, 60, 3), np.uint8)
+    sheets = Sheets(tmp_path)
+    sheets.add(Photo("one.png", {}), picture, None, Edit(refused={EVERY: "60% of the hole"}), [])
+    assert sheets._rows[0][0].lines == ("one.png", "60% of the hole")
 
 
 def test_a_picture_that_programs_show_unlike_is_refused_with_its_row(brought: Path, tmp_path: Path) -> None:

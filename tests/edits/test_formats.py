@@ -304,6 +304,25 @@ def test_a_thing_at_the_camera_empties_no_road(tmp_path: Path) -> None:
         read_format("nuscenes", photos, objects, None)
 
 
+@pytest.mark.parametrize(
+    ("table", "field", "value"),
+    [
+        ("sample_annotation", "translation", [1e308, 52.0, 0.6]),
+        ("sample_annotation", "size", [1.8, 1e300, 1.5]),
+        ("ego_pose", "translation", [-1e308, 0.0, 0.0]),
+        ("calibrated_sensor", "camera_intrinsic", [[1e308, 0, 1], [0, 1, 1], [0, 0, 1]]),
+    ],
+)
+def test_numbers_beyond_every_place_are_refused(table: str, field: str, value: object, tmp_path: Path) -> None:
+    """Geometry would overflow with them, and a thing would vanish from its picture."""
+    photos, objects = nuscenes(tmp_path, DRAWN[:1])
+    rows = json.loads((objects / f"{table}.json").read_text())
+    rows[0][field] = value
+    (objects / f"{table}.json").write_text(json.dumps(rows))
+    with pytest.raises(SourceError, match=rf"{table}\.json is no table of nuScenes: .*1000000000.*{field}"):
+        read_format("nuscenes", photos, objects, None)
+
+
 def test_two_pictures_of_one_annotation_are_named(tmp_path: Path) -> None:
     """Neither is left out without a word, and an instant is a whole number."""
     for name, other in (("yolo", DRAWN[0].file.replace(".png", ".jpg")), ("mot", f"{int(DRAWN[0].file[:6])}.png")):

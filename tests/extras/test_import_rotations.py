@@ -74,7 +74,7 @@ def asked(root: Path, *rotations: str) -> str:
     return str(refused.value)
 
 
-@pytest.mark.parametrize("how", ["quat_xyzw", "axis_angle", "rot6d", "euler_xyz"])
+@pytest.mark.parametrize("how", ["quat_xyzw", "axis_angle", "rot6d", "euler_xyz", "euler_ZYX_deg"])
 def test_absolute_poses_are_told_in_every_representation(tmp_path: Path, how: Representation) -> None:
     """Also with signs and wraps at random; the bank measures each rotation from the state's."""
     posed(tmp_path / "set", how)
@@ -171,7 +171,9 @@ def test_a_quaternion_whose_names_say_that_w_is_first_is_asked_about_as_that(tmp
         ("quat_xyzw", "quat_xyzw", 1.1, "a quaternion has length 1, and one row has 1.1"),
         ("rot6d", "rot6d", 1.1, "must have length 1 and a right angle, and one row is off by 0.1"),
         ("axis_angle", "axis_angle", 57.3, "a rotation vector has at most 2 pi radians, .* are these degrees?"),
-        ("euler_xyz", "euler_xyz", 57.3, "an angle has at most 2 pi radians, .* are these degrees?"),
+        ("euler_xyz", "euler_xyz", 57.3, "an angle has at most 2 pi radians, .* declare euler_xyz_deg"),
+        ("euler_xyz", "euler_xyz_deg", 1.0, "no angle is beyond pi; are these radians\\? Declare euler_xyz"),
+        ("euler_ZYX_deg", "euler_ZYX_deg", 10.0, "an angle has at most 360 degrees, and one row has"),
         ("rot6d", "quat_xyzw", 1.0, r"a quaternion has length 1, .*\[3:9\] look like rot6d"),
     ],
 )

@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 from data_sets import arm, lerobot, reach
 from eyechart.cli.app import app
 from eyechart.frames import open_bank
+from faults import FaultServer
+from steering import Driver, rover_set
 
 pytestmark = pytest.mark.models
 
@@ -59,3 +61,47 @@ def test_a_model_is_asked_about_the_camera_of_a_data_set(tmp_path: Path, monkeyp
     done = CliRunner().invoke(app, ["look", "scripted:constant", "--dataset", "set"])
     assert done.stdout.startswith("No. Its decisions do not come from the camera"), done.output
     assert len(open_bank(tmp_path / "looks/scripted-constant/bank")) == 80
+
+
+STATED = """
+name = "drive"
+user = '''
+You drive a rover by its camera. Heading and pace: {state}. Your task: {task}.
+Reply as JSON: {"steer": <heading to take>, "speed": <pace to take>}.
+'''
+[answer]
+fields = [{name = "steer", kind = "number", key = "steer"}, {name = "speed", kind = "number", key = "speed"}]
+"""
+
+
+def test_a_model_that_states_its_motions_in_words_is_looked_at_on_a_data_set(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that reads the picture, and one that does not: opposite answers, and the same command asks nothing again."""
+    monkeypatch.chdir(tmp_path)
+    rover_set(tmp_path / "set")
+    (tmp_path / "drive.toml").write_text(STATED)
+    for looks, says in ((True, "Yes. What the picture shows decides"), (False, "No. The picture could be another")):
+        with FaultServer([Driver(looks=looks)]) as server:
+            asked = ["look", "openai:m", "--dataset", "set", "--prompt", "drive.toml", "--base-url", server.base_url]
+            done = CliRunner().invoke(app, [*asked, "--out", str(looks)])
+            known = server.requests
+            again = CliRunner().invoke(app, [*asked, "--out", str(looks)])
+        assert done.stdout.startswith(says), done.output
+        assert (again.stdout, server.requests) == (done.stdout, known)
+        assert open_bank(tmp_path / str(looks) / "bank").manifest.motion is not None
+
+
+def test_a_prompt_that_does_not_fit_a_data_set_says_what_it_may_ask_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before any call: a column that is none, and an answer of other numbers than the motion has."""
+    monkeypatch.chdir(tmp_path)
+    rover_set(tmp_path / "set")
+    asked = ["look", "openai:m", "--dataset", "set", "--base-url", "http://127.0.0.1:9", "--prompt", "drive.toml"]
+    for before, after, says in (
+        ("{state}", "{pace}", "a prompt of this bank may say: task, state, actions"),
+        (', {name = "speed", kind = "number", key = "speed"}', "", "the numbers steer, speed"),
+    ):
+        (tmp_path / "drive.toml").write_text(STATED.replace(before, after))
+        assert says in str(CliRunner().invoke(app, asked).exception)

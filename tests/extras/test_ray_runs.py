@@ -1,6 +1,8 @@
 """Batteries, policies and calibration on a Ray cluster of two local nodes: the same rows as on this machine."""
 
+import asyncio
 import signal
+import socket
 import sqlite3
 import subprocess
 import sys
@@ -16,9 +18,14 @@ import guests_of_ray
 from eyechart import api, cli
 from eyechart.calibrate import calibrate
 from eyechart.calibrate.policies import try_rules
+from eyechart.calls import Query
+from eyechart.clusters import require_engine
 from eyechart.errors import SpecError
+from eyechart.frames import Stimulus
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER
+from eyechart.manifest import LEDGER, read_manifest
+from eyechart.models import actors, open_model
+from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
 from ray_cluster import two_nodes
@@ -60,6 +67,28 @@ def test_two_workers_give_the_rows_and_the_verdict_of_one_process(tmp_path: Path
     api.run_policies(table, ACT, tmp_path / "acts-there", engine="ray", workers=2)
     assert rows(tmp_path / "acts-there") == rows(tmp_path / "acts-here")
     assert policy.score(tmp_path / "acts-there").models[ACT].statistics["T.blank"].n == len(table)
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_the_batches_of_every_worker_are_full(tmp_path: Path) -> None:
+    """But for the last ones; the answers are those of single calls, and what it declares stands in the run."""
+    table = open_bank_simulator("tabletop").build(tmp_path / "table", seeds=(0, 1), steps=4)
+    (tmp_path / "sizes").mkdir()
+    guests_of_ray.SIZES.write_text(str(tmp_path / "sizes"), encoding="utf-8")
+    asked = {"conditions": ["real", "blank", "swapped@cameras"]}
+    batched = "python:guests_of_ray:acts"
+    try:
+        api.run_policies(table, batched, tmp_path / "there", engine="ray", workers=2, **asked)  # type: ignore[arg-type]
+    finally:
+        guests_of_ray.SIZES.unlink()
+    api.run_policies(table, ACT, tmp_path / "here", **asked)  # type: ignore[arg-type]
+    assert [row[1:] for row in rows(tmp_path / "there")] == [row[1:] for row in rows(tmp_path / "here")]
+    assert read_manifest(tmp_path / "there").facts[batched]["batch"] == "6"
+    sizes = [[*map(int, path.read_text().split())] for path in (tmp_path / "sizes").iterdir()]
+    assert len(sizes) == 2
+    assert sum(map(sum, sizes)) == 3 * len(table)
+    for many in sizes:
+        assert sum(size == 6 for size in many) >= 0.6 * len(many), sizes
 
 
 @pytest.mark.usefixtures("_cluster")
@@ -157,3 +186,39 @@ def test_what_a_cluster_cannot_do_is_said_before_a_call(
         cli.main()
     assert left.value.code == 2
     assert "give --engine ray too" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("_cluster")
+def test_a_worker_that_no_node_has_a_place_for_hangs_no_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where the GPUs went with a node: while one is open it answers alone, and without one the model is missing."""
+    query, model = Query("", "Go on.", Stimulus.of(None), seed=1), open_model(GUEST)
+    held = actors.PooledModel(RequestMode(GUEST), "", model.version, {}, actors.ActorPool(2))
+    without = actors.PooledModel(RequestMode(GUEST), "", model.version, {}, actors.ActorPool(1, gpus=1.0))
+    held.open()
+    monkeypatch.setattr(actors, "OPENING_S", 3.0)
+    with pytest.raises(SpecError, match="no node of the cluster opened .* within 3 s: do other jobs hold its GPUs"):
+        without.open()
+    reply = asyncio.run(without.answer(query))
+    assert (reply.error, "no node of the cluster opened" in (reply.error_detail or "")) == ("missing_model", True)
+    without.end()
+    held._actors[0] = without._new()  # noqa: SLF001 - a worker whose node is gone
+    before = time.monotonic()
+    assert [asyncio.run(held.answer(query)).error for _ in range(4)] == [None] * 4
+    assert time.monotonic() - before < 3.0
+    held.end()
+
+
+def test_an_address_without_a_cluster_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray itself tries for a quarter of an hour; and no word of its own begins a cluster."""
+    monkeypatch.setattr("ray.is_initialized", lambda: False)
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        free = taken.getsockname()[1]
+    for address, said in (
+        (f"127.0.0.1:{free}", f"no Ray cluster answers at 127.0.0.1:{free}: Connection refused"),
+        ("local", "RAY_ADDRESS=local begins a cluster, and eyechart begins none"),
+    ):
+        monkeypatch.setenv("RAY_ADDRESS", address)
+        before = time.monotonic()
+        with pytest.raises(SpecError, match=said):
+            require_engine("ray")
+        assert time.monotonic() - before < 10

@@ -41,6 +41,7 @@ class RobotLayout:
     inside: bool = True
     codec: str = "mpeg4"
     width: int = 6
+    listed: bool = False
     number: str = "float32"
     fps: float = 10
     changes: bool = False
@@ -95,7 +96,7 @@ def split(one: RobotLayout, name: str, numbers: Any) -> dict[str, Any]:  # noqa:
     """Return a vector's cells under the features that hold its parts; the last part of several is one number."""
     parts = one.parts[name == ACTION]
     if len(parts) == 1:
-        return {parts[0]: numbers.tolist() if len(numbers) > 1 else numbers.item()}
+        return {parts[0]: numbers.tolist() if len(numbers) > 1 or one.listed else numbers.item()}
     return {parts[0]: numbers[:-1].tolist(), parts[1]: numbers[-1].item()}
 
 
@@ -318,6 +319,7 @@ LAYOUTS: dict[str, RobotLayout] = {
         said="'observation.tactile' (2×2 numbers)",
     ),
     "one number": RobotLayout(width=1, names=None),
+    "one number in a list": RobotLayout(width=1, names=None, listed=True),
     "eighty numbers": RobotLayout(width=80, names=None),
     "a camera without pictures": RobotLayout(
         info=feature("observation.images.egoview", dtype="image", shape=[16, 24, 3]),

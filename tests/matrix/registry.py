@@ -166,6 +166,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ): "writes its summary beside what the steps wrote, which are driven: tests/test_look.py",
     ("eyechart.looks.pictures", "Pictures.bank"): "writes its record beside the bank that an import or a build made",
     ("eyechart.looks.pictures", "Pictures._record"): "reads its record; a damaged one is refused: tests/test_look.py",
+    ("eyechart.looks.pictures", "_digest"): "reads the ends of files that an import reads: tests/test_look.py",
     ("eyechart.looks.pictures", "Pictures._said"): "reads a table that the import has read",
     (
         "eyechart.looks.sight_checks",
@@ -184,6 +185,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.destination", "_head"): "reads a marker where a destination exists: tests/cli",
     ("eyechart.clusters", "_on_nodes"): "makes tasks on a cluster of Ray: tests/extras",
     ("eyechart.clusters", "actor"): "begins an actor of Ray, whose cluster ends it: tests/extras",
+    ("eyechart.clusters", "_require_there"): "opens a connection and closes it, before Ray does: tests/extras",
     ("eyechart.clusters", "join"): "joins a cluster of Ray: tests/extras",
     ("eyechart.corruptions", "_jpeg"): "opens a picture that eyechart compressed itself: tests/test_corruptions.py",
     ("eyechart.stats.margins", "_alone"): "loads a library that scipy installed: tests/stats",

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 import banks
+import movers
 from arm_logs import arm_bank, by_front
 from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import FrameBank, Stimulus, encode
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits
+from eyechart.manifest import LEDGER
 from eyechart.models import ask, open_policy
 from eyechart.models import open_model as open_spec
 from eyechart.models.batches import WAIT_S, Batches, NotEachError
@@ -119,6 +121,40 @@ def word(prompt: str, image: bytes | None) -> str:
     return words([prompt], [image])[0]
 
 
+def moving(images: Many, states: Sequence[np.ndarray], instructions: Sequence[str | None]) -> list[np.ndarray]:
+    """Go on as the two states before each answer went, by what two pictures show of them."""
+    SIZES.append(len(images))
+    alone = zip(images, states, instructions, strict=True)
+    return [moves(*one) for one in alone]
+
+
+def moves(images: Mapping[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Do the same of one query."""
+    del instruction
+    assert {one.shape[0] for one in images.values()} == {len(state)} == {2}
+    seen = np.stack([movers.middle(images[name]) for name in ("top", "side")], axis=1)
+    return np.repeat(np.diff(seen + state, axis=0), movers.HORIZON, axis=0)
+
+
+moving.batch, moving.history, moves.history = 5, 1, 1  # type: ignore[attr-defined]
+
+
+def said(prompts: Sequence[str], images: Many, state: Sequence[Mapping[str, object]]) -> list[str]:
+    """Answer lists by the windows of each."""
+    SIZES.append(len(prompts))
+    return [says(*one) for one in zip(prompts, images, state, strict=True)]
+
+
+def says(prompt: str, images: Mapping[str, object], state: Mapping[str, object]) -> str:
+    """Say where the block was and is, and how large the pictures are."""
+    del prompt
+    assert {len(many) for many in (*images.values(), *state.values())} == {2}  # type: ignore[arg-type]
+    return f"{state['block']} {[len(one) for one in images['top']]}"  # type: ignore[attr-defined]
+
+
+said.batch, said.history, says.history = 5, 1, 1  # type: ignore[attr-defined]
+
+
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     """Return a bank of eight episodes of an arm."""
@@ -155,6 +191,30 @@ def test_a_batch_gives_the_answers_of_single_calls_with_a_row_each(bank: FrameBa
     assert len({one.headline for one in verdicts}) == 1
     assert max(SIZES) == 8
     assert Counter(SIZES)[8] > 0.9 * alone.motions.finished / 8
+
+
+def test_a_batch_of_windows_gives_the_answers_of_single_windows(tmp_path: Path) -> None:
+    """Of policies and of controllers: each query has its own instants, the oldest first, in full batches."""
+    bank = movers.mover_bank(tmp_path / "movers", history=2)
+    for name, alone in (("moving", "moves"), ("said", "says")):
+        SIZES.clear()
+        many, single_ones = (windowed(bank, one, tmp_path / one) for one in (name, alone))
+        assert many == single_ones
+        assert len(set(many.values())) > 2
+        assert max(SIZES) == 5
+        assert sum(SIZES) == len(many) > 5
+
+
+def windowed(bank: FrameBank, name: str, out: Path) -> dict[tuple[str, str, int], str]:
+    """Run a policy or a controller on some frames, and return its answer to each call."""
+    if name.startswith("mov"):
+        policy.run(policy.plan(bank.root, [spec(name)], out, conditions=("real", "swapped@cameras")))
+    else:
+        run_battery(plan_battery(bank.root, [spec(name)], out, conditions=("real", "blank")))
+    with Ledger(out / LEDGER) as ledger:
+        found = {(key.frame, key.condition, key.repeat): reply for key, reply in ledger.replies(spec(name))}
+    assert {reply.error for reply in found.values()} == {None}
+    return {key: reply.text for key, reply in found.items()}
 
 
 def test_a_run_that_was_cut_goes_on_in_other_batches(bank: FrameBank, tmp_path: Path) -> None:

@@ -34,6 +34,27 @@ def test_a_callables_reply_is_cleaned_of_keys(*, whole: bool, monkeypatch: pytes
     assert "hunter22" not in repr(reply)
 
 
+@pytest.mark.parametrize("nul", ["%00", "\\x00", "\\u0000", "\\000", "\\u{0}", "=00"])
+def test_an_escaped_nul_is_a_sign_like_any_other(nul: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer is kept, and a key beside it is found; it was lost as an exception of the adapter."""
+    monkeypatch.setenv("MY_API_KEY", "hunter22hunter22")
+    model = PythonCallable(
+        lambda prompt, _image: f"{prompt} {nul} hunter22hunter%32%32", RequestMode("python:m:f"), "v", {}
+    )
+    reply = asyncio.run(ask(model, Query("", "SLOW", Stimulus({}), 1)))
+    assert (reply.error, reply.text) == (None, f"SLOW {nul} [$MY_API_KEY]")
+
+
+@pytest.mark.parametrize("digest", ["hunter22hunter22", "A" * 64, "a" * 63])
+def test_only_a_digest_stands_where_a_digest_is_due(digest: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The column is not searched for keys, so it holds nothing else."""
+    monkeypatch.setenv("MY_API_KEY", "hunter22hunter22")
+    model = PythonCallable(lambda *_: Reply("SLOW", payload_sha256=digest), RequestMode("python:m:f"), "v", {})
+    reply = asyncio.run(ask(model, Query("", "go", Stimulus({}), 1)))
+    assert (reply.error, "payload_sha256 is no SHA-256" in reply.error_detail) == ("exception", True)
+    assert digest not in repr(reply)
+
+
 KEY = 'hunter22/hunter22+"x"='
 RAW = KEY.encode()
 BASE64 = base64.b64encode(b"user:" + RAW + b"!").decode()

@@ -1,5 +1,4 @@
 import asyncio
-import threading
 import time
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from eyechart.calls import Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
 from eyechart.models import Model, open_model
+from eyechart.models.python_callable import under_way
 from eyechart.modes import RequestMode
 
 MODULE = """
@@ -51,6 +51,9 @@ def hangs(prompt, image):
 def waits(prompt, image, go_on=threading.Event()):
     go_on.wait(30)
     return "GO"
+
+def names_its_thread(prompt, image):
+    return str(threading.get_ident())
 
 def narrow(prompt):
     return "GO"
@@ -145,17 +148,41 @@ def test_calls_that_never_return_are_bounded(module: str) -> None:
     async def given_up(count: int) -> list[str]:
         return [reply.error_detail for reply in await asyncio.gather(*(model.answer(QUERY) for _ in range(count)))]
 
-    before = set(threading.enumerate())
+    before = under_way()
     assert set(asyncio.run(given_up(16))) == {"no answer within 0.2 s"}
     for _ in range(3):
         said = "not called: 16 earlier calls have not returned"
         assert ask(model) == Reply(error="not_called", error_detail=said)
-    assert len(set(threading.enumerate()) - before) == 16
+    assert len(under_way() - before) == 16
     waits = model.ask  # type: ignore[attr-defined]
     waits.__defaults__[0].set()
     for thread in tuple(model.left):  # type: ignore[attr-defined]
         thread.join(10)
     assert ask(model).text == "GO"
+
+
+def test_threads_are_kept_for_further_calls(module: str) -> None:
+    """Calls one after another are made by one thread, which is no running call between them."""
+    model = opened(module, "names_its_thread")
+    before = under_way()
+
+    async def one_by_one() -> set[str]:
+        return {(await model.answer(QUERY)).text for _ in range(20)}
+
+    assert len(asyncio.run(one_by_one())) == 1
+    assert asyncio.run(one_by_one()) == asyncio.run(one_by_one())
+    assert under_way() == before
+
+
+def test_a_thread_whose_call_was_given_up_makes_no_other(module: str) -> None:
+    """It ends with that call, while others go on."""
+    model = opened(module, "waits", timeout_s=0.2)
+    assert ask(model).error == "timeout"
+    (thread,) = model.left  # type: ignore[attr-defined]
+    assert ask(opened(module, "names_its_thread")).text != str(thread.ident)
+    model.ask.__defaults__[0].set()  # type: ignore[attr-defined]
+    thread.join(10)
+    assert not thread.is_alive()
 
 
 def test_a_callable_may_take_all_cameras_and_the_state(module: str) -> None:

@@ -1,7 +1,9 @@
 """Faults of the road may pass; only what shows that the request is wrong ends a call."""
 
 import asyncio
+import gc
 import re
+import socket
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,7 @@ from eyechart.calls import KINDS, TRANSIENT, Query, Reply
 from eyechart.frames import Stimulus
 from eyechart.models import Model, ask, open_model
 from eyechart.models.faults import is_of_the_road, kind_of_status, with_proof
-from eyechart.models.http import words_of
+from eyechart.models.http import Endpoint, words_of
 from eyechart.modes import RequestMode
 
 QUERY = Query("Drive.", "Which action?", Stimulus(), 5)
@@ -176,6 +178,29 @@ async def _after(model: Model, server: BrokenRoad, waited_s: float) -> tuple[Rep
     second = await ask(model, QUERY)
     await model.close()
     return first, second
+
+
+def test_a_server_that_is_gone_leaves_no_request_in_memory() -> None:
+    """Failures held their frames in circles, and a served guardian grew by a third once a model had ended."""
+
+    async def failed() -> tuple[set[str | None], int]:
+        with socket.create_server(("127.0.0.1", 0)) as taken:
+            port = taken.getsockname()[1]
+        endpoint = Endpoint(f"http://127.0.0.1:{port}/v1", 5.0)
+        kinds = {(await endpoint.post("/chat/completions", b"x")).error for _ in range(3)}
+        gc.collect()
+        gc.disable()
+        try:
+            for _ in range(30):
+                kinds.add((await endpoint.post("/chat/completions", bytes(1000))).error)
+            return kinds, gc.collect()
+        finally:
+            gc.enable()
+            await endpoint.close()
+
+    kinds, left = asyncio.run(failed())
+    assert kinds == {"connection"}
+    assert left < 30
 
 
 def test_failures_of_older_runs_are_told_apart_by_what_they_say() -> None:

@@ -255,3 +255,23 @@ def test_an_example_is_no_answer_and_a_correction_in_words_is_heard() -> None:
     assert read_fields('Example: {"speed": 3}.', [field]) == FieldValues(None, "no_answer", "speed")
     assert read_fields('For example {"speed": 3}. My answer: {"speed": 4}', [field]) == FieldValues((4.0,))
     assert read_fields('{"speed": 3} The speed of the lead is unknown.', [field]) == FieldValues((3.0,))
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [
+        ('{"speed": 5, "speed_unit": "km/h", "steer": 0.1}', False),
+        ('{"speed": 5, "steer": 0.1, "units": {"speed": "km/h", "steer": "rad"}}', False),
+        ('{"speed": 5, "steer": 0.1, "steer unit": "deg"}', False),
+        ('{"speed": 5, "speed_unit": "m/s", "steer": 0.1, "steer_unit": "rad"}', True),
+        ('{"speed": 5, "steer": 0.1, "unit": "m/s and rad"}', True),
+        ('{"speed": 5, "steer": 0.1, "unit_test": "km/h"}', True),
+    ],
+)
+def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: object) -> None:
+    """As one does that follows the number; of several fields a nameless unit is nobody's."""
+    fields = [AnswerField("speed", "number", "speed", unit="m/s"), AnswerField("steer", "number", "steer", unit="rad")]
+    found = read_fields(text, fields)
+    assert (found.values, found.why) == ((5.0, 0.1), None) if read else (None, "other_unit")
+    alone = read_fields('{"speed": 5, "unit": "km/h"}', fields[:1])
+    assert alone.why == "other_unit"

@@ -119,6 +119,17 @@ def test_fields_that_are_not_the_motion_are_refused(fields: list[AnswerField], s
         StatedMotionSpace.of(OWN, fields)
 
 
+def test_two_numbers_with_one_fields_name_need_a_vector() -> None:
+    """One field would be read as both of them; the whole motion in one vector is read."""
+    twins = MotionSpace("arm", (Dimension("arm.x"), Dimension("arm_x")), horizon=1)
+    with pytest.raises(SpecError, match=r"one field's name: arm_x, arm_x, of arm.x, arm_x; .* size = 2"):
+        StatedMotionSpace.of(twins, [AnswerField("arm_x", "number", key="x")])
+    found = StatedMotionSpace.of(twins, [AnswerField("both", "vector", key="both", size=2)])
+    action = found.read(Reply('{"both": [1, 2]}', "stop")).action
+    assert action is not None
+    assert action.array.tolist() == [[1.0, 2.0]]
+
+
 def test_what_a_reply_lacks_is_said_in_its_words_but_a_refusal_counts_to_no_set_aside() -> None:
     """Nor does a motion."""
     assert ROWS.lacks(Reply("[[1, 2]]", "stop")) == "it is read as wrong_size: '[[1, 2]]'"

@@ -224,6 +224,8 @@ def test_unlikeness_is_of_the_whole_and_not_of_the_moment() -> None:
     assert sizes(logged * [0.1, 1]) == pytest.approx((0.0, 10.0), abs=0.02, rel=0.02)
     assert distance_from_log(logged * [0.1, 1], logged)[1][1] == 0
     assert sizes(np.ones((9, 2, 1)), np.zeros((9, 2, 1))) == (1.0, 1.0)
+    far = np.full((400, 4, 2), [5.0, 1e12 + 0.1]) / [1, 0.00417]
+    assert np.isfinite(sizes(far)).all(), "equal numbers, whose mean in doubles is not quite theirs"
     held = logged * [1, 0] + [0, 5] + 1e-6 * rng.normal(size=logged.shape)
     assert sizes(held) == pytest.approx((0.0, 1.0), abs=0.1), "a gripper that is never closed"
 

@@ -291,7 +291,7 @@ CASES: dict[str, Case] = {
             "n": 4,
             "p": None,
             "method": TREND,
-            "note": "exchanging [2] episodes per scenario gives a p of 0.5 at best, above 0.01",
+            "note": "exchanging 2 episodes per scenario gives a p of 0.5 at best, above 0.01",
             "detail": {
                 "episodes": [2],
                 "truncated_frames": 0,

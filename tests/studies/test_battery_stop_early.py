@@ -149,7 +149,7 @@ def test_a_gate_takes_a_stopped_run_for_complete(highway: tuple[Path, Result]) -
     assert held["scripted:depth_lateral"].holds
     assert not held["scripted:presence"].holds
     because = held["scripted:depth"].because
-    assert "stopped early after 1687 of 2592 calls, by depth" in because
+    assert "stopped early after 1687 of 2592 calls, as depth was settled" in because
     assert "of 100 comparisons the wrong way round: order = " in because
     rate = hold(SCORED(out), ["depth"], max_unparsed=0.9).checks[1]
     assert (rate.requirement, rate.holds) == ("max_unparsed", None)
@@ -164,7 +164,7 @@ def test_verdict_and_score_say_that_a_run_stopped_early(
     monkeypatch.setattr("eyechart.studies.battery.study.score", lambda folder, **_: SCORED(folder))
     shown = CliRunner().invoke(app, ["verdict", str(out)], env={"COLUMNS": "200"}).output
     assert "(1687/2592)" in shown
-    assert "stopped early after 1687 of 2592 calls, by depth" in " ".join(shown.split())
+    assert "stopped early after 1687 of 2592 calls, as depth was settled" in " ".join(shown.split())
     judged = json.loads(CliRunner().invoke(app, ["verdict", str(out), "--json"]).stdout)["models"]["scripted:depth"]
     assert judged["stopped_early"]["rule"] == "depth"
     assert (judged["stopped_early"]["calls"], judged["stopped_early"]["planned"]) == (1687, 2592)

@@ -478,7 +478,7 @@ def test_a_committee_of_four_can_be_chosen_and_one_of_five_cannot(table: study.V
     assert study.fit(table.without(()), models=(QWEN, GEMMA)).committee == (GEMMA, QWEN)
     with pytest.raises(GuardianError, match="1 to 4 models"):
         study.fit(table.without(()), size=5)
-    with pytest.raises(GuardianError, match="hazardous and clear ones are needed"):
+    with pytest.raises(GuardianError, match="frames are hazardous; it needs both kinds"):
         study.fit(table.keep(table.frames[:5]))
     with pytest.raises(VoteError, match="no votes of 'nobody'"):
         study.fit(table.without(()), models=("nobody", GEMMA))

@@ -12,11 +12,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import banks
-from eyechart import conditions
 from eyechart.api import build_bank
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError
-from eyechart.frames import MAIN, BankWriter, FrameBank, nouns, open_bank
+from eyechart.frames import ENCODINGS, MAIN, BankWriter, Encoding, FrameBank, nouns, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.simulators import open_bank_simulator
@@ -146,7 +145,7 @@ def test_pictures_that_leave_as_other_files_are_held_by_a_few(tmp_path: Path, mo
     bank, made = jpegs(tmp_path / "bank"), list[str]()
     run = exchanged(asked(bank, tmp_path / "run"), asked(bank, tmp_path / "other", seed=1))
     png = nouns.as_png
-    monkeypatch.setattr(nouns, "as_png", lambda picture, name: (made.append(name), png(picture, name))[1])
+    monkeypatch.setattr(nouns, "as_png", lambda picture, name, write: (made.append(name), png(picture, name, write))[1])
     with pytest.raises(LedgerError, match=ASKED_ELSE):
         battery.score(run)
     assert 0 < len(made) <= 8 * 8
@@ -161,15 +160,12 @@ def test_another_encoder_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyP
         Image.fromarray(rgb).save(kept, "PNG", compress_level=9)
         return kept.getvalue()
 
-    monkeypatch.setattr("eyechart.frames.pictures.encode", otherwise)
-    for name in ("encode", "stored"):
-        monkeypatch.setattr(conditions, name, otherwise)
-    conditions._grey.cache_clear()
+    others = dict.fromkeys(ENCODINGS, Encoding(otherwise, otherwise))
+    monkeypatch.setattr("eyechart.studies.battery.plans.ENCODINGS", others)
     assert battery.score(run).models[MODEL].answered
     change(run, lambda name: name == "text_only")
     with pytest.raises(LedgerError, match="under text_only"):
         battery.score(run)
-    conditions._grey.cache_clear()
 
 
 def test_pictures_that_are_gone_or_were_changed_since_say_nothing_of_a_run(bank: FrameBank, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from aiohttp import web
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 
 from eyechart.api import examine_policy, look, run_policies
 from eyechart.cli.app import app
-from eyechart.errors import BankError, SpecError
+from eyechart.errors import BankError, LedgerError, SpecError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, read_run
@@ -274,6 +275,24 @@ def test_python_runs_examines_and_looks_at_the_same_policy(bank: FrameBank, prom
         assert "fine" in eyechart("doctor", "openai:m", *words)
         seen = look("openai:m", bank=bank.root, prompt=str(prompt), base_url=server.base_url, out=tmp_path / "look")
         assert (seen.answer, seen.label) == ("Yes", "camera_content")
+
+
+def test_a_policy_on_a_server_that_has_moved_goes_on_where_that_is_said(
+    bank: FrameBank, prompt: Path, tmp_path: Path
+) -> None:
+    """As a battery does: the error names the argument, no call is made anew, and the run records it."""
+    asked: dict[str, Any] = {"prompt": str(prompt), "probe": False, "conditions": ["real"]}
+    with FaultServer([Driver()]) as server:
+        run_policies(bank, "openai:m", tmp_path / "run", base_url=server.base_url, limit=3, **asked)
+    with FaultServer([Driver()]) as server:
+        with pytest.raises(LedgerError, match="or moved=True to continue there and record it"):
+            run_policies(bank, "openai:m", tmp_path / "run", base_url=server.base_url, limit=5, **asked)
+        asked["moved"] = True
+        found = run_policies(bank, "openai:m", tmp_path / "run", base_url=server.base_url, limit=5, **asked)
+        assert server.requests == 2
+    manifest = found.score.manifest
+    assert manifest.mode("openai:m").base_url == server.base_url
+    assert f"to {server.base_url}" in manifest.facts["openai:m"]["moved"]
 
 
 REFUSED = {

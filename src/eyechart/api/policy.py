@@ -93,6 +93,7 @@ class _PolicyOptions(_Mode, total=False):
     probe: bool
     again: bool
     accept_loss: bool
+    moved: bool
     engine: str
     workers: int
     gpus: float
@@ -122,7 +123,8 @@ def run_policies(
     ``max_calls``, or at ``max_cost`` US dollars. ``again`` retries calls that failed in transport.
     With ``engine="ray"``, so many ``workers`` of the cluster of RAY_ADDRESS hold each policy, and
     each claims ``gpus``. ``accept_loss`` continues although the ledger lost finished calls.
-    ``progress`` gets (calls done, total).
+    ``moved`` continues although addresses, keys or headers of policies changed. ``progress`` gets
+    (calls done, total).
 
     A served model that states a motion in words (``openai:``, ``ollama:``, ``hf:``) is a policy too.
     ``prompt`` is the TOML file that asks it; ``concurrency`` (8) calls are made at once. Given by
@@ -171,6 +173,7 @@ def run_policies(
         read_prices(),
         no_probe=not asking.get("probe", True),
         again=asking.get("again", False),
+        moved=asking.get("moved", False),
         engine=asking.get("engine", "local"),
         workers=whole_number("workers", asking.get("workers", 1), 1),
         gpus=asking.get("gpus", 0.0),

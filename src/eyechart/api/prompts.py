@@ -20,7 +20,7 @@ from eyechart.report.table import Table
 from eyechart.run import Progress
 from eyechart.studies import ReadOptions
 from eyechart.studies import prompts as study
-from eyechart.studies.probes import Planner, RunModes, plan_probed
+from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
 from eyechart.studies.prompts import Prompts, PromptSensitivity, PromptsScore, PromptStudy
 
 
@@ -102,6 +102,8 @@ class _ComparisonOptions(_Mode, total=False):
     seed: int
     conditions: Sequence[str]
     again: bool
+    accept_loss: bool
+    moved: bool
 
 
 @speaks_of_arguments
@@ -120,9 +122,9 @@ def compare_prompts(
 
     ``prompts`` are names of ``eyechart list prompts`` or files; each is compared with the first.
     Each is a run in the folder ``out``, where the same call resumes. ``models``, ``probe``,
-    ``concurrency``, ``again``, ``progress`` and the fields of a request mode are those of
-    `run_battery`. ``limit`` is the number of frames (100). ``conditions`` are shown for each
-    (``real`` and ``blank``).
+    ``concurrency``, ``again``, ``accept_loss``, ``moved``, ``progress`` and the fields of a request
+    mode are those of `run_battery`. ``limit`` is the number of frames (100). ``conditions`` are
+    shown for each (``real`` and ``blank``).
 
     Raises BankError, SpecError or LedgerError as the study's ``plan`` does, and ProbeError if a
     probe fails.
@@ -133,12 +135,15 @@ def compare_prompts(
     require_arguments("compare_prompts", asking, _ComparisonOptions)
     how: dict[str, Any] = {**asking}
     at_once, again = whole_number("concurrency", concurrency, 1), how.pop("again", False)
+    moved = how.pop("moved", False)
     extent: dict[str, Any] = {name: how.pop(name) for name in ("limit", "seed", "conditions") if name in how}
     extent |= {name: whole_number(name, extent[name], least) for name, least in _LEAST.items() if name in extent}
     if "conditions" in extent:
         require_several("conditions", extent["conditions"], '["real", "blank"]')
+    if how.pop("accept_loss", False):
+        list(accept_losses(place))
     cells = partial(study.plan, placed(bank), out=place, prompts=[*map(str, several)], **extent)
-    allowed = RunAllowance(read_prices(), no_probe=not probe, concurrency=at_once, again=again)
+    allowed = RunAllowance(read_prices(), no_probe=not probe, concurrency=at_once, again=again, moved=moved)
     planned = _planned(cells, models, how, allowed, place)
     planned.make(allowed, moving(progress))
     return _read(still(out, place), list(planned.cells))

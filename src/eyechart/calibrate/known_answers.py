@@ -116,10 +116,10 @@ class BankCapabilities:
 def deserved(known: KnownController, shows: BankCapabilities) -> str:
     """Return the calibrated label that a controller deserves on a bank.
 
-    It is the strongest that the bank can show. Without counterfactual pictures the own vehicle's
-    paint never changes. Where the gap cannot be tested, a controller that follows it only shows
-    that it follows the picture. One scenario has no other to compare with. A controller with one
-    answer to everything in the bank decides without the picture there.
+    It is the strongest label that the bank can show. Without counterfactual pictures the own
+    vehicle's paint never changes. If the gap cannot be tested, a controller that follows it is only
+    shown to follow the picture. A bank of one scenario shows no other scenario. A controller that
+    answers everything in the bank alike decides without the picture.
     """
     label = known.calibrated
     if not shows.varied:

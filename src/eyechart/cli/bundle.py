@@ -18,7 +18,7 @@ def report(
     ],
     out: Annotated[Path, typer.Option(help="HTML file to write.")],
     frames: Annotated[list[Path] | None, typer.Option(help="The bank, if it has moved; repeat for more.")] = None,
-    figures: Annotated[Path | None, typer.Option(help="Folder for each figure as SVG and PDF.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for the figures, each as SVG and as PDF.")] = None,
     tables: Annotated[Path | None, typer.Option(help="Folder for the tables: CSV, Markdown, LaTeX.")] = None,
     prices: PriceFile = None,
     independent: Independent = False,

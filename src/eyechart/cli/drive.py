@@ -218,7 +218,9 @@ def online(
 def ladder(
     out: options.Out = Path("ladder"),
     simulator: _Simulator = "highway",
-    policy: Annotated[list[str] | None, typer.Option(help="One more policy or model; repeat for more.")] = None,
+    policy: Annotated[
+        list[str] | None, typer.Option(help="A policy or model to add to the ladder; repeat for more.")
+    ] = None,
     mode: options.Mode = None,
     marginal: _Marginal = None,
     seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="Number of seeds per scenario, from 0 on.")] = 8,

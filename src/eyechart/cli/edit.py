@@ -65,7 +65,7 @@ def edit(
         float | None,
         typer.Option(help="Focal length times camera height in px·m, for objects without a distance; needs horizon."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the distances.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the distances at which copies are placed.")] = 0,
     json: Json = False,
 ) -> None:
     """Make the control pictures of a bank from photographs of which a lead was annotated.

@@ -1,5 +1,6 @@
 """``eyechart frames`` and ``eyechart plan``: frame banks, and what a bank can decide."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -126,7 +127,7 @@ class SourceDescription:
         list[str] | None,
         typer.Option(
             help="With --horizon: numbers that are a rotation, as action[3:7]=quat_xyzw; also quat_wxyz, axis_angle, "
-            "rot6d (first column, then second), euler_xyz, or none."
+            "rot6d (first column, then second), euler_xyz (fixed axes; XYZ turns with them; _deg: degrees), or none."
         ),
     ] = None
     every: Annotated[int, typer.Option(min=1, help="Take every Nth frame of an episode.")] = 1
@@ -280,16 +281,25 @@ def declare(
     """Declare how a bank's control pictures were made, in place.
 
     A gate asks for it. No picture, fingerprint or answer changes, so runs on the bank stay valid.
+    Each run keeps what its bank said when it was made: name the runs too. All folders are checked
+    before the first is declared.
     """
     from eyechart.frames import declare as declared
-    from eyechart.manifest import BANK, is_run
+    from eyechart.frames import may_declare
+    from eyechart.manifest import BANK, alone_in, is_run
 
     word = read_made(made)
     if not word:
         raise SpecError("--made takes rendered, staged or edited")
+    runs = {folder for folder in folders if is_run(folder)}
     for folder in folders:
-        before = declared(folder / BANK if is_run(folder) else folder, word)
+        may_declare(folder / BANK if folder in runs else folder, word)
+    for folder in folders:
+        with alone_in(folder) if folder in runs else nullcontext():
+            before = declared(folder / BANK if folder in runs else folder, word)
         say(f"{folder}: its control pictures are {word}; before: {before or 'not said'}")
+    if not any(map(is_run, folders)):
+        say("runs that were made on it keep what it said before: name their folders too")
 
 
 @app.command(epilog="Example: eyechart frames check bank")

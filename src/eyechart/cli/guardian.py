@@ -88,8 +88,8 @@ class VoteSource:
 class CostOptions:
     """Costs of a wrong answer and of an abstention, in any unit."""
 
-    cost_miss: Annotated[float | None, typer.Option(help="Cost of a miss; with --cost-false-alarm.")] = None
-    cost_false_alarm: Annotated[float | None, typer.Option(help="Cost of a false alarm; with --cost-miss.")] = None
+    cost_miss: Annotated[float | None, typer.Option(help="Cost of a missed hazard; needs --cost-false-alarm.")] = None
+    cost_false_alarm: Annotated[float | None, typer.Option(help="Cost of a false alarm; needs --cost-miss.")] = None
     cost_abstain: Annotated[
         float | None, typer.Option(help="Cost of an abstention; the operating point is then chosen too.")
     ] = None
@@ -312,7 +312,7 @@ def serve(
     port: Annotated[int, typer.Option(help="Port; 0 takes a free one.", min=0, max=65535)] = 8600,
     deadline: Annotated[float, typer.Option(help="Seconds from a request's head to its answer.")] = 2.0,
     concurrency: Annotated[int, typer.Option(help="Concurrent pictures.", min=1, max=64)] = 8,
-    queue: Annotated[int, typer.Option(help="Pictures that may wait; more are refused with 503.", min=0)] = 32,
+    queue: Annotated[int, typer.Option(help="Most pictures that wait; further ones get status 503.", min=0)] = 32,
     max_bytes: Annotated[int, typer.Option(help="Most bytes of a picture.", min=1)] = 4_000_000,
     max_pixels: Annotated[
         int,

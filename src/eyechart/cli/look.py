@@ -26,7 +26,9 @@ def look(
     ] = None,
     photos: Annotated[Path | None, typer.Option(help="Folder of photographs; with --table.")] = None,
     table: Annotated[Path | None, typer.Option(help="Table of the photographs, one row each.")] = None,
-    dataset: Annotated[Path | None, typer.Option(help="Folder of a LeRobotDataset.")] = None,
+    dataset: Annotated[
+        Path | None, typer.Option(help="Folder of a LeRobotDataset, or of demonstrations in HDF5.")
+    ] = None,
     objects: Annotated[
         Path | None,
         typer.Option(help="Table of the photographs' objects: edit them as 'frames edit' does, and stop at the sheet."),

@@ -163,7 +163,10 @@ class RequestOptions(EndpointOptions):
     """How to ask models without a mode file."""
 
     max_tokens: Annotated[int | None, typer.Option(help="Token budget of a reply; default 1024.")] = None
-    json_mode: Annotated[str | None, typer.Option(help="none, json_object, json_schema or tool_call.")] = None
+    json_mode: Annotated[
+        str | None,
+        typer.Option(help="How JSON is required of the server: none, json_object, json_schema or tool_call."),
+    ] = None
 
 
 ADDRESSED = EndpointOptions()

@@ -286,8 +286,9 @@ def _lines(what: str, unit: str) -> Callable[[int, int], None]:
             return
         now = time.monotonic()
         rate = (done - begun[0]) / max(now - begun[1], 1e-9)
+        pace = f", {rate:.1f}/s" if rate > 0 else ""
         left = f", {(total - done) / rate:.0f} s left" if rate > 0 and done < total else ""
-        say(f"{what}: {done}/{total} {unit}, {rate:.1f}/s{left}")
+        say(f"{what}: {done}/{total} {unit}{pace}{left}")
 
     return move
 
@@ -319,7 +320,8 @@ def print_read(read: Mapping[str, Any]) -> None:
         if isinstance(one, dict):
             console.print(Table.of_read(one).renamed(lambda text: _harmless(short(text))), markup=False)
         elif isinstance(one, str):
-            console.print(_harmless(short(one)), markup=False)
+            for line in _harmless(short(one)).split("\n"):
+                _print_indented(console, line)
         else:
             text = Text(one[0], style=one[1])
             text.spans = [Span(*span) for span in one[2]]
@@ -330,6 +332,19 @@ def print_read(read: Mapping[str, Any]) -> None:
 def _spans(one: "Text") -> list[Any]:
     """Return a styled line in plain values: its words, their style, and the spans of others."""
     return [one.plain, str(one.style), [[*span[:2], str(span.style)] for span in one.spans]]
+
+
+def _print_indented(console: "Console", line: str) -> None:
+    """Print a line; what it takes more than the width goes on below, two columns farther in."""
+    from rich.text import Text
+
+    if Text(line).cell_len <= console.width:
+        console.print(line, markup=False)
+        return
+    words = line.lstrip(" ")
+    indent = " " * min(len(line) - len(words), console.width // 2)
+    for place, part in enumerate(Text(words).wrap(console, max(1, console.width - len(indent) - 2))):
+        console.print(f"{indent}{'  ' if place else ''}{part.plain.rstrip()}", markup=False)
 
 
 def table_console(width: int | None = None) -> "Console":

@@ -1,17 +1,18 @@
 """Input conditions: what a query shows of a frame; the rest of the query stays the same."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
-from eyechart.corruptions import CORRUPTIONS, STEPS, Corruption, step_of
+from eyechart.corruptions import CORRUPTIONS, LEAST_SIDE, STEPS, Corruption, step_of
 from eyechart.errors import BankError, SpecError, did_you_mean, require_known
-from eyechart.frames import PATCHED, RGB, Camera, Frame, FrameBank, Source, Stimulus, decode, encode, stored
+from eyechart.frames import PATCHED, RGB, Camera, Encoding, Frame, FrameBank, Source, Stimulus, decode
 from eyechart.seeds import key_seed
 from eyechart.stats.partners import NOBODY
 
@@ -89,18 +90,18 @@ def _again(frame: Frame, source: Source, seed: int) -> Stimulus:
 
 def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
     def grey(one: Frame) -> Stimulus:
-        return _shown(one, {name: _grey(shape) for name, shape in source.shapes(one).items()})
+        return _shown(one, {name: _grey(shape, source.encoding) for name, shape in source.shapes(one).items()})
 
     return _each(grey, frame)
 
 
 @lru_cache(maxsize=8)
-def _grey(shape: tuple[int, int, int]) -> bytes:
-    return encode(np.full(shape, MID_GREY, dtype=np.uint8))
+def _grey(shape: tuple[int, int, int], encoding: Encoding) -> bytes:
+    return encoding.picture(np.full(shape, MID_GREY, dtype=np.uint8))
 
 
 def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
-    rng, written = np.random.default_rng(seed), stored if source.stores_noise else encode
+    rng, written = np.random.default_rng(seed), source.encoding.noise
 
     def noise(one: Frame) -> Stimulus:
         shapes = source.shapes(one).items()
@@ -127,7 +128,8 @@ def _mirrored(frame: Frame, source: Source, _: int) -> Stimulus:
         images = {}
         for one in instant.cameras:
             other = one.mirrors or one.name
-            images[one.name] = encode(flip(decode(seen[other], instant.pictures[other]), axes[other]))
+            pixels = flip(decode(seen[other], instant.pictures[other]), axes[other])
+            images[one.name] = source.encoding.picture(pixels)
         return _shown(instant, images)
 
     return _each(mirrored, frame)
@@ -172,7 +174,7 @@ def _nudged(name: str, of: str | None = None) -> Callable[[Frame, Source, int], 
                 pixels = decode(picture, files[camera]).copy()
                 _, width, channels = pixels.shape
                 pixels[0, int(rng.integers(width)), int(rng.integers(channels))] ^= 1
-                images[camera] = encode(pixels)
+                images[camera] = source.encoding.picture(pixels)
             return _shown(one, images)
 
         return _each(nudged, frame)
@@ -367,7 +369,9 @@ def _corrupted(what: Corruption, step: int, make: Callable[..., Stimulus] = _rea
     def corrupted(frame: Frame, source: Source, seed: int) -> Stimulus:
         def seen(one: Stimulus) -> Stimulus:
             images = {
-                name: encode(what.applied(decode(picture, f"{name} of frame '{frame.id}'"), step, key_seed(seed, name)))
+                name: source.encoding.picture(
+                    what.applied(decode(picture, f"{name} of frame '{frame.id}'"), step, key_seed(seed, name))
+                )
                 for name, picture in one.images.items()
             }
             return replace(one, images=images, past=tuple(map(seen, one.past)))
@@ -461,7 +465,7 @@ def partner(frame: Frame, source: Source, seed: int, condition: str) -> Frame:
         raise BankError(f"frame '{frame.id}' has no partner for {condition}: the bank needs {need}")
     place = int(np.random.default_rng(seed).integers(others))
     if condition == "shuffled":
-        return mine[place + any(other.id == frame.id for other in mine[: place + 1])]
+        return mine[place + (place >= source.places[frame.id])]
     elsewhere = [frames for scenario, frames in source.scenarios.items() if scenario != frame.scenario]
     while place >= len(elsewhere[0]):  # a list of their frames would be long
         place -= len(elsewhere.pop(0))
@@ -605,6 +609,19 @@ def require_camera(name: str, cameras: Sequence[Camera]) -> None:
             f"condition '{name}': there is no camera '{camera}';{did_you_mean(camera, names)} there are "
             f"{', '.join(names)}"
         )
+
+
+def require_corruptible(names: Iterable[str], bank: FrameBank) -> None:
+    """Raise BankError if a condition is a step of a corruption and a picture is too small for one."""
+    if not any(corruption_of(name) for name in names):
+        return
+    for frame in bank:
+        for camera, (high, wide, _) in chain.from_iterable(bank.shapes(one).items() for one in frame.window):
+            if min(high, wide) < LEAST_SIDE:
+                raise BankError(
+                    f"'{camera}' of frame '{frame.id}' has {wide}x{high} pixels, and a corruption needs {LEAST_SIDE} "
+                    "on the shorter side: leave out --series and its steps, or import larger pictures"
+                )
 
 
 def _over(whole: Condition, camera: str) -> Condition:

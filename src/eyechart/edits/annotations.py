@@ -117,6 +117,8 @@ def read_photos(folder: Path, table: Path, faults: Faults) -> Annotations:
     photos: list[Photo] = []
     rows: dict[str, int] = {}
     for number, row in enumerate(source.rows, 1):
+        if not row:  # its number of cells is a fault already
+            continue
         where = f"{table.name}, row {number}"
         with faults.noted():
             one = _read_photo(pictures, row, where)
@@ -139,8 +141,7 @@ def _require_columns(source: SourceTable, needed: Collection[str], faults: Fault
 
 
 def _read_photo(pictures: Photographs, row: Row, where: str) -> Photo:
-    what = f"{where}: the file"
-    file = pictures.locate(read_key(row.get("file"), what), what)
+    file = _file_of(row, pictures, where)
     if not (pictures.folder / file).is_file():
         raise SourceError(f"{where}: there is no picture '{file}' in {pictures.folder}")
     horizon, vanishing = (_number(row, name, where) for name in ("horizon", "vanishing"))
@@ -153,6 +154,14 @@ def _read_photo(pictures: Photographs, row: Row, where: str) -> Photo:
         clear_to_m=_positive(row, "clear_to_m", where),
         where=where,
     )
+
+
+def _file_of(row: Row, pictures: Photographs, where: str) -> str:
+    """Return the path of a row's photograph below the folder; raises SourceError."""
+    cell, what = row.get("file"), f"{where}: the file"
+    if is_nothing(cell, "none"):
+        raise SourceError(f"{what} is empty; each row names its photograph")
+    return pictures.locate(read_key(cell, what), what)
 
 
 def _read_sides(cell: Cell, where: str) -> tuple[str, ...]:
@@ -178,9 +187,11 @@ def _read_objects(
         if name not in OF_OBJECTS:
             faults.add(f"{source.name} has a column '{name}'{suggestion(name, OF_OBJECTS)}; it may have {_list()}")
     for number, row in enumerate(source.rows, 1):
+        if not row:
+            continue
         where = f"{source.name}, row {number}"
         with faults.noted():
-            file = pictures.locate(read_key(row.get("file"), f"{where}: the file"), f"{where}: the file")
+            file = _file_of(row, pictures, where)
             if file not in things:
                 near = suggestion(file, things)
                 raise SourceError(f"{where}: '{file}' is no row of the photographs' table{near}")

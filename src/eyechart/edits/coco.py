@@ -5,20 +5,17 @@
 
 from collections import defaultdict
 from pathlib import Path
-from typing import Annotated
 
 import msgspec
 import numpy as np
 
 from eyechart.edits.annotations import IGNORED, LEAD, OTHER, OWN, ROLES, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box, Mask
-from eyechart.edits.numbers import read_document
+from eyechart.edits.numbers import BoundedNumber, read_document
 from eyechart.errors import SourceError, suggestion
 from eyechart.frames import MAX_PIXELS
 from eyechart.importing.faults import Faults
 from eyechart.importing.photographs import Photographs
-
-_Number = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
 
 
 class _Picture(msgspec.Struct):
@@ -46,10 +43,10 @@ class _Category(msgspec.Struct):
 
 class _Object(msgspec.Struct):
     image_id: int | str
-    bbox: tuple[_Number, _Number, _Number, _Number]
+    bbox: tuple[BoundedNumber, BoundedNumber, BoundedNumber, BoundedNumber]
     id: int | str = 0
     category_id: int | None = None
-    segmentation: list[list[_Number]] | _Runs | None = None
+    segmentation: list[list[BoundedNumber]] | _Runs | None = None
     iscrowd: int = 0
     attributes: dict[str, object] = {}
 

@@ -17,7 +17,7 @@ from eyechart.edits.controls import EVERY, PICTURES, Edit, Editor, Moves
 from eyechart.edits.formats import with_leads
 from eyechart.edits.geometry import Box, Mask, box_of
 from eyechart.edits.lines import Ground, Sight, Size, sights_of, with_distances
-from eyechart.edits.masks import BOX, PRICE, mask_of, usual_cut
+from eyechart.edits.masks import BOX, PRICE, from_box, mask_of, usual_cut
 from eyechart.edits.scene import CopyPlace, Cutout, EditScene, with_shadow
 from eyechart.edits.sheet import Sheets
 from eyechart.edits.tables import as_tables, csv_of
@@ -212,12 +212,7 @@ class _EditFolder:
         """Write a photograph and its control pictures; return its row, None if it has no place."""
         stored = read_bounded(self.source.folder, photo.file)
         lead = photo.lead
-        unknown = ""
-        if lead is not None and lead.distance_m is None:
-            unknown = "the distance of its lead is not known: give distance_m, or --from-foot K"
-        elif lead is None and self.source.finds_leads and sight.lines is None:
-            unknown = sight.why
-        if unknown:  # an empty gap would say that nothing is ahead
+        if unknown := self._unknown(photo, sight, size_of(stored, photo.file)):
             self._refuse(photo, "real", unknown)
             return None
         self._write(f"{TAKEN}/{photo.file}", stored)
@@ -243,6 +238,18 @@ class _EditFolder:
             }
         self._sheets.add(photo, pixels, scene, made, reasons)
         return row | made.distances
+
+    def _unknown(self, photo: Photo, sight: Sight, size: Size) -> str:
+        """Return why nobody knows how far away the lead of a photograph is seen; "" where it is known.
+
+        An empty gap would say that nothing is ahead, and a gap that the photograph shows it.
+        """
+        lead = photo.lead
+        if lead is None:
+            return sight.why if self.source.finds_leads and sight.lines is None else ""
+        if lead.distance_m is None:
+            return "the distance of its lead is not known: give distance_m, or --from-foot K"
+        return "" if from_box(lead.box, *size).any() else f"{lead.where}: the box of its lead is outside of the picture"
 
     def _scene(self, photo: Photo, lead: ObjectBox, pixels: RGB, sight: Sight) -> tuple[EditScene | None, list[str]]:
         """Return the photograph taken apart, and why it cannot be edited."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
 
@@ -12,6 +12,9 @@ from eyechart.records import parse_json
 
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 _GREATEST = 1e9
+BoundedNumber = Annotated[float, msgspec.Meta(ge=-_GREATEST, le=_GREATEST)]
+"""A number with which geometry does not overflow."""
+
 MOST_BYTES = 2_000_000_000
 """The most bytes of one JSON file; the largest table of nuScenes has about half of it."""
 

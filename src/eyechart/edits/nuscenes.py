@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eyechart.edits.annotations import OTHER, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box
-from eyechart.edits.numbers import read_document
+from eyechart.edits.numbers import BoundedNumber, read_document
 from eyechart.errors import SourceError, raising
 from eyechart.importing.cells import Cell
 from eyechart.importing.faults import Faults
@@ -22,8 +22,8 @@ _OCCLUDED = {"4": 0.0, "3": 1.0}
 """By the token of its visibility: 80 to 100 %, and 60 to 80 %; less is largely covered."""
 
 _Floats = NDArray[np.float64]
-_Three = tuple[float, float, float]
-_Four = tuple[float, float, float, float]
+_Three = tuple[BoundedNumber, BoundedNumber, BoundedNumber]
+_Four = tuple[BoundedNumber, BoundedNumber, BoundedNumber, BoundedNumber]
 T = TypeVar("T")
 
 
@@ -38,7 +38,7 @@ class _EgoPose(_Row):
 
 class _Mount(_EgoPose):
     sensor_token: str
-    camera_intrinsic: list[list[float]]
+    camera_intrinsic: list[list[BoundedNumber]]
 
 
 class _Sensor(_Row):

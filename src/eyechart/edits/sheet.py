@@ -33,7 +33,8 @@ class Sheets:
         """Add a photograph: as taken with its annotation, and each control picture or its reason."""
         lead = photo.lead
         metres = "" if lead is None else f"  {lead.distance_m:.1f} m"
-        row = [SheetCell((f"{photo.file}{metres}", *reasons[:1]), small(_annotated(pixels, scene), _CELL_PX))]
+        why = [*reasons, *filter(None, [made.refused.get(EVERY)])][:1]
+        row = [SheetCell((f"{photo.file}{metres}", *why), small(_annotated(pixels, scene), _CELL_PX))]
         empty = small(np.full_like(pixels, _GREY), _CELL_PX)
         for name in PICTURES if made.pictures else ():
             away = made.distances.get(_METRES.get(name, ""))

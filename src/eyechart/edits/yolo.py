@@ -36,7 +36,7 @@ def _thing(words: list[str], size: tuple[int, int], where: str) -> ObjectBox:
     values = numbers_of(words, where, 1 + _OF_BOX, "class and four numbers of a box")[1:]
     distance_m = values.pop() if len(values) % 2 else None
     if not all(-0.5 <= one <= 1.5 for one in values):
-        raise SourceError(f"{where}: its numbers are no shares of the picture, from 0 to 1")
+        raise SourceError(f"{where}: its numbers must be shares of the picture, from 0 to 1")
     if distance_m is not None and distance_m <= 0:
         raise SourceError(f"{where}: the distance is {distance_m:g}; it is more than 0, and none is left out")
     width, height = size

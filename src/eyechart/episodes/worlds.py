@@ -12,7 +12,20 @@ import numpy as np
 from eyechart.conditions import show
 from eyechart.episodes.records import Episode, EpisodeKey, Step
 from eyechart.errors import SpecError
-from eyechart.frames import MAIN, RGB, Frame, Scalar, Stimulus, alone, decode, encode, rounded_truth
+from eyechart.frames import (
+    AS_STORED,
+    ENCODINGS,
+    MAIN,
+    RGB,
+    Encoding,
+    Frame,
+    Scalar,
+    Stimulus,
+    alone,
+    decode,
+    encode,
+    rounded_truth,
+)
 from eyechart.modes import without_secrets
 from eyechart.policies import Observation, Policy, open_policy
 from eyechart.records import LARGEST
@@ -224,12 +237,16 @@ class _Moment:
     key: EpisodeKey
     frames: tuple[Frame, ...] = ()
     said: tuple[str, ...] = ()
-    stores_noise: bool = False
+    encoding: Encoding = ENCODINGS[AS_STORED]
 
     @property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:
         others = range(len(self.pool.pictures(self.key.scenario, self.key.seed)))
         return {self.now.scenario: (*(replace(self.now, id=str(other), step=other) for other in others), self.now)}
+
+    @property
+    def places(self) -> Mapping[str, int]:
+        return {self.now.id: len(self.pool.pictures(self.key.scenario, self.key.seed))}
 
     def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
         del frame
@@ -253,7 +270,7 @@ class _Pool:
         self._driven = lru_cache(maxsize=None)(self._drive)
 
     def pictures(self, scenario: str, seed: int) -> Sequence[bytes]:
-        """Return the pool of a scenario without the world of this seed."""
+        """Return the pictures of a scenario's pool, but for those of the world with this seed."""
         return [picture for other in POOL_SEEDS if other != seed for picture in self._driven(scenario, other)]
 
     def _drive(self, scenario: str, seed: int) -> tuple[bytes, ...]:

@@ -6,6 +6,7 @@ from eyechart.frames.folder import (
     check,
     declare,
     locked,
+    may_declare,
     open_bank,
     open_unchecked,
     own_folder,
@@ -44,10 +45,14 @@ from eyechart.frames.nouns import (
 )
 from eyechart.frames.overlap import SharedFrames, same_moments, shared_frames
 from eyechart.frames.pictures import (
+    AS_STORED,
+    ENCODINGS,
     MAX_IMAGE_BYTES,
     MAX_PIXELS,
+    NEWEST,
     RGB,
     BoundedCache,
+    Encoding,
     as_png,
     beside,
     decode,
@@ -58,13 +63,14 @@ from eyechart.frames.pictures import (
     pixels_of,
     read_bounded,
     size_of,
-    stored,
 )
 from eyechart.frames.plain_pictures import made_plain, read_colour, require_plain
 
 __all__ = [
     "APART",
+    "AS_STORED",
     "DISTANCES",
+    "ENCODINGS",
     "EXCHANGE",
     "FILE_SUFFIX",
     "IMPORTED",
@@ -75,6 +81,7 @@ __all__ = [
     "MAX_IMAGE_BYTES",
     "MAX_PIXELS",
     "MOST_HISTORY",
+    "NEWEST",
     "PATCHED",
     "RGB",
     "BankManifest",
@@ -83,6 +90,7 @@ __all__ = [
     "Camera",
     "Controls",
     "Draws",
+    "Encoding",
     "Frame",
     "FrameBank",
     "Gap",
@@ -108,6 +116,7 @@ __all__ = [
     "is_reserved",
     "locked",
     "made_plain",
+    "may_declare",
     "media_type",
     "open_bank",
     "open_unchecked",
@@ -126,6 +135,5 @@ __all__ = [
     "same_moments",
     "shared_frames",
     "size_of",
-    "stored",
     "whole_folder",
 ]

@@ -338,28 +338,40 @@ def replace_manifest(folder: Path, manifest: BankManifest) -> None:
     read_metadata(folder / "metadata.jsonl", manifest)
     path = folder / "manifest.json"
     partial = path.with_name(".manifest.json.part")
-    with partial.open("w", encoding="utf-8") as file:
-        file.write(json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False) + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    try:
+        with raising(BankError, f"{path} cannot be replaced", "; it is as it was"):
+            with partial.open("w", encoding="utf-8") as file:
+                file.write(json.dumps(manifest.as_dict(), indent=1, ensure_ascii=False) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path)
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
 
 
 def declare(root: Path, made: Provenance) -> Provenance:
     """Declare in place how a bank's control pictures were made; return what was said before.
 
-    Fingerprint and declaration stay, so runs on the bank stay valid. Raises BankError if a
-    simulator or the record of an edit says otherwise.
+    Fingerprint and declaration stay, so runs on the bank stay valid. Raises BankError as
+    `may_declare` does, if another process writes to the bank, and if it cannot be written.
     """
+    with raising(BankError, f"nothing can be written beside {root}"), own_folder(root.resolve(), BankError):
+        before = may_declare(root, made)
+        if before.provenance != made:
+            replace_manifest(root, replace(before, made=made))
+    return before.provenance
+
+
+def may_declare(root: Path, made: Provenance) -> BankManifest:
+    """Return a bank's manifest; raises BankError if a simulator or an edit's record contradicts."""
     bank = open_bank(root)
     before = bank.manifest
     if before.simulator != IMPORTED and made != "rendered":
         raise BankError(f"the simulator '{before.simulator}' rendered the pictures of {root}; they are not {made}")
     if made != "edited" and (before.edit or any(PATCHED in frame.counterfactuals for frame in bank)):
         raise BankError(f"{root} has pictures of the kind '{PATCHED}', which an edit makes; they are not {made}")
-    if before.provenance != made:
-        replace_manifest(root, replace(before, made=made))
-    return before.provenance
+    return before
 
 
 def _misplaced(bank: FrameBank) -> list[str]:

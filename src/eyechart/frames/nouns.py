@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from eyechart.errors import BankError
-from eyechart.frames.pictures import as_png, read_bounded, size_of
+from eyechart.frames.pictures import AS_STORED, ENCODINGS, Encoding, as_png, read_bounded, size_of
 from eyechart.records import LARGEST, to_json_fields
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
@@ -247,6 +247,10 @@ class Source(Protocol):
         """The frames of each scenario, in order."""
 
     @property
+    def places(self) -> Mapping[str, int]:
+        """The place of each frame among those of its scenario, by its id."""
+
+    @property
     def said(self) -> tuple[str, ...]:
         """The prompt columns that the prompt states for a frame."""
 
@@ -257,8 +261,8 @@ class Source(Protocol):
         """
 
     @property
-    def stores_noise(self) -> bool:
-        """Whether noise is stored as an uncompressed PNG, since compression makes it no smaller."""
+    def encoding(self) -> Encoding:
+        """How pictures that are made of its own are written."""
 
     def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
         """Return the encoded pictures of a frame, or of one of its counterfactuals, by camera."""
@@ -403,8 +407,8 @@ class FrameBank:
 
     ``said`` are the prompt columns that a run's prompt states. With ``plain``, all pictures are
     read as 8-bit PNGs without metadata (`eyechart.frames.as_png`), so that no file's kind tells
-    them apart. ``stores_noise`` means that noise is stored as an uncompressed PNG. ``unchecked``
-    pictures are read without a comparison with the manifest.
+    them apart. ``encoding`` is how such pictures, and those made of others, are written.
+    ``unchecked`` pictures are read without a comparison with the manifest.
     """
 
     root: Path
@@ -412,7 +416,7 @@ class FrameBank:
     manifest: BankManifest
     said: tuple[str, ...] = ()
     plain: bool = False
-    stores_noise: bool = False
+    encoding: Encoding = ENCODINGS[AS_STORED]
     unchecked: bool = False
 
     def __repr__(self) -> str:
@@ -455,7 +459,7 @@ class FrameBank:
         A bank is checked when it is opened, and may change during a run.
         """
         picture = read_bounded(self.root, file) if self.unchecked else self._as_recorded(file)
-        return as_png(picture, file) if self.plain else picture
+        return as_png(picture, file, self.encoding.picture) if self.plain else picture
 
     def _as_recorded(self, file: str) -> bytes:
         picture = read_bounded(self.root, file)
@@ -481,6 +485,11 @@ class FrameBank:
         for frame in self.frames:
             grouped[frame.scenario].append(frame)
         return {name: tuple(frames) for name, frames in grouped.items()}
+
+    @cached_property
+    def places(self) -> Mapping[str, int]:
+        """Return the place of each frame among those of its scenario, by its id."""
+        return {frame.id: place for frames in self.scenarios.values() for place, frame in enumerate(frames)}
 
     def alike(self, frame: Frame) -> tuple[Sequence[Frame], Sequence[int]]:
         """Return frames to take another text from, and the places of those with this frame's text.

@@ -13,7 +13,8 @@ from functools import lru_cache
 from pathlib import Path
 from stat import S_ISLNK, S_ISREG
 from threading import RLock
-from typing import Generic, TypeVar
+from types import MappingProxyType
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,9 @@ from eyechart.errors import BankError, raising
 RGB = NDArray[np.uint8]
 MAX_PIXELS = 25_000_000
 MAX_IMAGE_BYTES = 64_000_000
-_PNG, _BARE = b"\x89PNG\r\n\x1a\n", bytes([8, 2, 0, 0, 0])
+_PNG, _BARE, _UP = b"\x89PNG\r\n\x1a\n", bytes([8, 2, 0, 0, 0]), 2
+_UNCOMPRESSED, _BLOCK = b"\x78\x01", 0xFFFF
+"""The head of a stream of zlib, and the most bytes of a block that is not compressed."""
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP")
 _SOUND_KEPT = 100_000
 _SOUND: set[bytes] = set()
@@ -116,7 +119,10 @@ def read_bounded(root: Path, file: str) -> bytes:
 
 def media_type(picture: bytes) -> str:
     """Return a picture's media type by its first bytes; PNG's for an unknown one."""
-    return next((kind for sign, kind in _TYPES.items() if picture.startswith(sign)), "image/png")
+    for sign, kind in _TYPES.items():
+        if picture.startswith(sign):
+            return kind
+    return "image/png"
 
 
 def size_of(picture: bytes, name: str) -> tuple[int, int]:
@@ -233,12 +239,12 @@ def beside(images: Mapping[str, bytes], name: str) -> bytes | None:
     return encode(np.hstack([np.pad(one, ((0, high - one.shape[0]), (0, 0), (0, 0))) for one in seen]))
 
 
-def as_png(picture: bytes, name: str) -> bytes:
-    """Return a picture as an 8-bit PNG without metadata, as `encode` writes it.
+def as_png(picture: bytes, name: str, write: Callable[[RGB], bytes]) -> bytes:
+    """Return a picture as an 8-bit PNG without metadata, as ``write`` makes it of its pixels.
 
     Such a PNG stays as it is. Raises BankError as `decode` does.
     """
-    return picture if is_bare(picture) else encode(decode(picture, name))
+    return picture if is_bare(picture) else write(decode(picture, name))
 
 
 def is_bare(picture: bytes) -> bool:
@@ -259,13 +265,75 @@ def encode(rgb: RGB) -> bytes:
     return buffer.getvalue()
 
 
+def packed(rgb: RGB) -> bytes:
+    """Encode an RGB picture, shape (h, w, 3), uint8, as PNG whose rows differ from those above.
+
+    One filter (Up) and run lengths: for pictures of simulators and of cameras this takes a third of
+    the time of `encode`, which tries five filters, and fewer bytes.
+    """
+    high, wide, _ = rgb.shape
+    flat, rows = rgb.reshape(high, 3 * wide), np.empty((high, 1 + 3 * wide), dtype=np.uint8)
+    rows[:, 0], rows[0, 1:] = _UP, flat[0]
+    np.subtract(flat[1:], flat[:-1], out=rows[1:, 1:])
+    deflate = zlib.compressobj(1, strategy=zlib.Z_RLE)
+    return _png(wide, high, deflate.compress(rows), deflate.flush())
+
+
 def stored(rgb: RGB) -> bytes:
     """Encode an RGB picture, shape (h, w, 3), uint8, as an uncompressed PNG (RFC 2083)."""
     high, wide, _ = rgb.shape
-    rows = np.zeros((high, 1 + 3 * wide), dtype=np.uint8)
-    rows[:, 1:] = rgb.reshape(high, 3 * wide)
+    return _png(wide, high, zlib.compress(_rows(rgb), 0))
+
+
+def in_blocks(rgb: RGB) -> bytes:
+    """Encode a picture as `stored` does, in whole blocks (RFC 1951): the same by every zlib, faster."""
+    high, wide, _ = rgb.shape
+    rows = memoryview(_rows(rgb)).cast("B")
+    data: list[bytes | memoryview] = [_UNCOMPRESSED]
+    for at in range(0, len(rows), _BLOCK):
+        block = rows[at : at + _BLOCK]
+        data += (struct.pack("<?HH", at + _BLOCK >= len(rows), len(block), len(block) ^ _BLOCK), block)
+    return _png(wide, high, *data, struct.pack(">I", zlib.adler32(rows)))
+
+
+def _rows(rgb: RGB) -> NDArray[np.uint8]:
+    """Return a picture's rows as a PNG without filters holds them."""
+    high, wide, _ = rgb.shape
+    rows = np.empty((high, 1 + 3 * wide), dtype=np.uint8)
+    rows[:, 0], rows[:, 1:] = 0, rgb.reshape(high, 3 * wide)
+    return rows
+
+
+def _png(wide: int, high: int, *data: bytes | memoryview) -> bytes:
+    """Return an 8-bit RGB PNG of compressed rows; ``data`` is not joined or copied before."""
+    parts: list[bytes | memoryview] = [_PNG]
     head = struct.pack(">II", wide, high) + _BARE
-    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(rows.tobytes(), 0)), (b"IEND", b""))
-    return _PNG + b"".join(
-        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
-    )
+    for name, pieces in ((b"IHDR", (head,)), (b"IDAT", data), (b"IEND", ())):
+        check = zlib.crc32(name)
+        for piece in pieces:
+            check = zlib.crc32(piece, check)
+        parts += (struct.pack(">I", sum(map(len, pieces))), name, *pieces, struct.pack(">I", check))
+    return b"".join(parts)
+
+
+class Encoding(NamedTuple):
+    """How a run writes the pictures that it makes: those of a scene, and noise."""
+
+    picture: Callable[[RGB], bytes]
+    noise: Callable[[RGB], bytes]
+
+
+AS_STORED, NEWEST = "stored", "png-3"
+ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
+    {
+        AS_STORED: Encoding(encode, encode),
+        "png": Encoding(encode, encode),
+        "png-2": Encoding(encode, stored),
+        NEWEST: Encoding(packed, in_blocks),
+    }
+)
+"""How a run's pictures are sent: as the bank holds them, or all as 8-bit PNGs of pixels alone.
+
+Such PNGs look alike as files. The third does not compress noise, which took half of a call's time
+and saved no bytes. The fourth packs the other pictures in a third of the time.
+"""

@@ -225,7 +225,7 @@ def import_table(
     edit = read_edit(table.parent)
     if edit is not None:
         choices = replace(choices, edit=edit, made=edit.agreed(choices.made, table))
-    photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip, edit=edit)
+    photographs = Photographs(folder, table.parent, choices.convert, strip=choices.strip, edit=edit, made=choices.made)
     return import_rows(_opened(table, reads, choices), photographs, out, choices, progress)
 
 

@@ -37,6 +37,7 @@ from eyechart.importing.layout import (
     EpisodeTable,
     Feature,
     Info,
+    columns_of,
     given_name,
     vectors_of,
 )
@@ -150,8 +151,7 @@ class DemonstrationTable:
                         yield {**where, **told, **{name: many[place] for name, many in cells.items()}}
 
     def _vectors(self) -> dict[str, tuple[str, ...]]:
-        alone = {name: (name,) for name, feature in self.data.features.items() if feature.size == (1,)}
-        return alone | dict(vectors_of(self.data.features))
+        return columns_of(self.data.features)
 
 
 @dataclass(frozen=True)
@@ -431,12 +431,12 @@ def _rate_in(file: Hdf5Group) -> float | None:
 
 
 def _rate(found: set[float | None], given: float | None, folder: Path) -> float:
-    """Return the frames a second; raises SourceError if neither all files nor the user say it."""
+    """Return the number of frames per second; raises SourceError if neither all files nor the user say it."""
     rates = {one for one in found if one is not None}
     if given is None and (len(rates) != 1 or None in found):
         has = ", ".join(f"{one:g}" for one in sorted(rates))
         has = f"the files have {has}{', and some have none' * (None in found)}" if rates else "the files do not have it"
-        raise SourceError(f"{folder}: give the frames a second with --rate ({has}); the ALOHA of ACT records 50")
+        raise SourceError(f"{folder}: give the frames per second as --rate N ({has}); the ALOHA of ACT records 50")
     rate = next(iter(rates)) if given is None else float(given)
     if not SLOWEST <= rate <= FASTEST:
         raise SourceError(f"{folder}: {rate:g} frames a second is not a camera's rate")

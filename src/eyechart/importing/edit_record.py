@@ -2,6 +2,7 @@
 
 import hashlib
 from collections import Counter
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,6 +43,10 @@ class RecordedEdit(msgspec.Struct, frozen=True):
             )
         return self.made
 
+    def makes(self, file: str) -> bool:
+        """Return whether a picture, named from the record's folder, is a control picture of the edit."""
+        return file in self.digests and file.partition("/")[0] in self.pictures
+
     def summary(self) -> dict[str, object]:
         """Return what a bank's manifest keeps, as plain JSON values; refusals are counts by picture."""
         refused = dict(sorted(Counter(one.picture for one in self.refused).items()))
@@ -57,10 +62,25 @@ class RecordedEdit(msgspec.Struct, frozen=True):
             raise SourceError(f"'{file}' is not the picture that {RECORD} names: its SHA-256 differs")
 
 
+def edit_above(place: Path, home: Path) -> tuple[str, RecordedEdit] | None:
+    """Return a picture's name in the nearest record above it within ``home``, and the record; None without one."""
+    for folder in place.parents:
+        if not folder.is_relative_to(home):
+            return None
+        if (found := read_edit(folder)) is not None:
+            return place.relative_to(folder).as_posix(), found
+    return None
+
+
 def read_edit(folder: Path) -> RecordedEdit | None:
     """Read the record in the folder of a table, None without one; raises SourceError if it is damaged."""
     path = folder / RECORD
-    if not path.exists():
-        return None
+    return _read(path, path.stat().st_mtime_ns) if path.exists() else None
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, changed: int) -> RecordedEdit:
+    """Read a record that was ``changed`` then: it is asked for by each picture of its folder."""
+    del changed
     with raising(SourceError, f"{path} is no record of an edit", of=(OSError, msgspec.MsgspecError, RecursionError)):
         return msgspec.json.decode(text_file(path).read_bytes(), type=RecordedEdit)

@@ -274,6 +274,12 @@ def vectors_of(features: Mapping[str, Feature]) -> Iterator[tuple[str, tuple[str
             yield name, tuple(f"{name}.{one}" for one in given)
 
 
+def columns_of(features: Mapping[str, Feature]) -> dict[str, tuple[str, ...]]:
+    """Return the columns of every feature of few numbers; one number, also in a list, is its own."""
+    alone = {name: (name,) for name, feature in features.items() if feature.size == (1,)}
+    return alone | dict(vectors_of(features))
+
+
 def video_of(template: str | None, camera: str, **places: int) -> str:
     """Return a video's path by info.json's template; raises ValueError for a faulty template.
 

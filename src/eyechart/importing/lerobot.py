@@ -33,8 +33,8 @@ from eyechart.importing.layout import (
     EpisodeTable,
     Feature,
     Info,
+    columns_of,
     given_name,
-    vectors_of,
     whole,
 )
 from eyechart.importing.logged_rotations import DeclaredRotation, LoggedRows, Of, in_degrees, tell_turned
@@ -107,7 +107,7 @@ class Dataset:
 
     def tables(self) -> "Sequence[RowTable]":
         """Return the data files in order."""
-        vectors = dict(vectors_of(self.features))
+        vectors = columns_of(self.features)
         return [open_parquet(path, vectors=vectors, extra="lerobot") for path in self.layout.parquets("data")]
 
     def is_observed(self, name: str) -> bool:
@@ -491,9 +491,7 @@ def _labels(features: Mapping[str, Feature], name: str) -> list[str]:
 
 def _columns(features: Mapping[str, Feature], name: str) -> tuple[str, ...]:
     """Return the columns of a feature's numbers; empty without the feature, or for too many."""
-    if name in features and features[name].size == (1,):
-        return (name,)
-    return dict(vectors_of(features)).get(name, ())
+    return columns_of(features).get(name, ())
 
 
 def _instruction(data: Dataset) -> tuple[str, ...]:

@@ -10,6 +10,8 @@ from eyechart.errors import SpecError, did_you_mean
 from eyechart.importing.motion_log import LogDescription, MotionSegment, tell
 from eyechart.regexes import pattern
 from eyechart.spaces.rotations import (
+    DEGREES,
+    EULER,
     FREEDOM,
     REPRESENTATIONS,
     WIDTH,
@@ -191,7 +193,7 @@ _WHY = {
 
 _OR = {
     "quat_xyzw": " or quat_wxyz, if w is its first number",
-    "axis_angle": " or euler_xyz, if they are three angles",
+    "axis_angle": " or euler_xyz or another order, if they are three angles",
 }
 """Other rotations that such numbers may be, by the likeliest."""
 
@@ -221,10 +223,23 @@ def _spoiled(rows: Floats, representation: Representation) -> str:
         if _off_frame(_by_rows(rows)) <= _LENGTH:
             return "the numbers are (3, 2) in memory, row by row; rot6d is the first column, then the second"
         return f"its two columns must have length 1 and a right angle, and one row is off by {_off_frame(rows):.3g}"
-    most = float(size.max() if representation == "axis_angle" else np.abs(rows).max())
-    what = "a rotation vector" if representation == "axis_angle" else "an angle"
+    return _no_angles(float(size.max() if representation == "axis_angle" else np.abs(rows).max()), representation)
+
+
+def _no_angles(most: float, representation: Representation) -> str:
+    """Return why angles of at most so much are not those of a representation, "" if they may be."""
+    if representation.endswith(DEGREES):
+        if most > 365:
+            return f"an angle has at most 360 degrees, and one row has {most:.3g}"
+        radians = np.pi - _LENGTH < most <= np.pi + _EXACT
+        return f"no angle is beyond pi; are these radians? Declare {representation[:-4]}" if radians else ""
+    if most <= 2 * np.pi + 0.1:
+        return ""
+    if representation.startswith(EULER):
+        way = f"if in degrees, declare {representation}{DEGREES}"
+        return f"an angle has at most 2 pi radians, and one row has {most:.3g}; {way}"
     degrees = "; are these degrees? Give radians" if most > 20 else ""
-    return "" if most <= 2 * np.pi + 0.1 else f"{what} has at most 2 pi radians, and one row has {most:.3g}{degrees}"
+    return f"a rotation vector has at most 2 pi radians, and one row has {most:.3g}{degrees}"
 
 
 def _by_rows(rows: Floats) -> Floats:

@@ -202,8 +202,8 @@ class LogDescription:
         far = "no state that varies can be paired with them"
         if self.ratio is not None:
             far = (
-                f"{self.ratio:.2g} of their spread from the state (rms, median of {self.count} numbers; below "
-                f"{PLACES_BELOW:g} they are places)"
+                f"the {self.count} numbers lie {self.ratio:.2g} of their own spread away from the state (rms, median; "
+                f"places would lie below {PLACES_BELOW:g})"
             )
             if self.kind == "absolute":
                 return far

@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from eyechart.errors import BankError, SourceError, plain_file, raising, whole_number
-from eyechart.frames import MAX_IMAGE_BYTES, encode, inside, made_plain, read_colour, require_plain
-from eyechart.importing.edit_record import RecordedEdit
+from eyechart.frames import MAX_IMAGE_BYTES, Provenance, encode, inside, made_plain, read_colour, require_plain
+from eyechart.importing.edit_record import RECORD, RecordedEdit, edit_above
 
 _MOST_NAME = 1_000
 
@@ -34,7 +34,8 @@ class Convert:
 class Photographs:
     """The folder of a table's pictures; the table itself is in ``beside``.
 
-    ``done`` counts conversions; ``strip`` is a prefix that is removed from every path.
+    ``done`` counts conversions; ``strip`` is a prefix that is removed from every path. ``made`` is
+    how the control pictures are said to be made.
     """
 
     folder: Path
@@ -43,6 +44,7 @@ class Photographs:
     done: Counter[str] = field(default_factory=Counter)
     strip: str = ""
     edit: RecordedEdit | None = None
+    made: Provenance = ""
 
     @cached_property
     def _home(self) -> Path:
@@ -134,7 +136,19 @@ class Photographs:
             self.edit.require_recorded(
                 place.relative_to(home).as_posix() if place.is_relative_to(home) else file, picture
             )
+        elif self.made != "edited":
+            self._require_unedited(path.resolve(), file)
         return picture
+
+    def _require_unedited(self, place: Path, file: str) -> None:
+        """Raise BankError if the record of an edit, not beside the table, says that it made a picture."""
+        above = edit_above(place, self._home)
+        if above is not None and above[1].makes(above[0]):
+            beside = place.parents[above[0].count("/")]
+            raise BankError(
+                f"'{file}' was made by an edit, as {beside / RECORD} says: put the table into {beside}, or say "
+                "--made edited"
+            )
 
 
 def _require_plain(picture: bytes, file: str) -> None:

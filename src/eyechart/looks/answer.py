@@ -1,5 +1,6 @@
 """The answer of a look: one screen of 80 columns, or plain values."""
 
+import ast
 import shlex
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
@@ -9,6 +10,8 @@ from pathlib import Path
 from eyechart.records import KeyedRecord
 
 COLUMNS = 80
+PYTHON = "eyechart.look("
+"""How the command of a function begins that no command line can reach."""
 EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
 
 
@@ -94,7 +97,7 @@ class Look(KeyedRecord):
         """Return two Markdown tables: the answer, and the results of the three pictures."""
         said = " ".join([self.because, *self.holes])
         rows: list[tuple[str, ...]] = [
-            ("looks?", "who", "because"),
+            ("looks?", "model", "because"),
             ("---",) * 3,
             (f"**{self.answer}**", f"`{self.spec}`", said),
         ]
@@ -132,7 +135,15 @@ def _wrapped(text: str, first: str = "", later: str | None = None) -> Sequence[s
 
 
 def pasted(command: str) -> Iterator[str]:
-    """Yield a command to paste, on lines of at most 80 columns if its words allow."""
+    """Yield a command to paste, on lines of at most 80 columns if its words allow.
+
+    Python code goes on inside its brackets, a line an argument.
+    """
+    if command.startswith(PYTHON):
+        call = ast.parse(command, mode="eval").body
+        arguments = [ast.unparse(one) for one in (*call.args, *call.keywords)] if isinstance(call, ast.Call) else []
+        yield from (f"    {PYTHON}", *(f"        {one}," for one in arguments), "    )")
+        return
     line = "    "
     for word in map(shlex.quote, shlex.split(command)):
         if line.strip() and len(line) + len(word) + 2 > COLUMNS:

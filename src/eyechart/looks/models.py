@@ -16,7 +16,7 @@ from eyechart.looks.answer import Look, NextStep, PictureResult
 from eyechart.looks.pictures import BANK
 from eyechart.looks.reach import SMALL, affordable, fewest
 from eyechart.looks.request import Bill, LookRequest, Watch, write_report
-from eyechart.looks.sight_checks import MODE, MOST_CALLS, SightChecks, SightFailure, unseen
+from eyechart.looks.sight_checks import MODE, MOST_CALLS, SightChecks, SightFailure, doctor_command, unseen
 from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
@@ -61,12 +61,13 @@ class ModelLook:
             found = self._sights.find(wanted.mode, planned.sample())
             if isinstance(found, SightFailure):
                 return unseen(wanted, found)
-            self.watch.say(f"it sees its pictures, and is asked as {wanted.out / MODE} says")
+            self.watch.say(f"{_sight(found)}; it is asked as {wanted.out / MODE} says")
             planned = self._plan(found, planned.manifest.limit)
             self._agree(planned, 0)
         before = planned.counts()[1]
         outcome = self._made(planned)
-        return self._answered(outcome, asked=planned.counts()[1] > before)
+        mode = planned.manifest.mode(wanted.spec)
+        return self._answered(outcome, mode, asked=planned.counts()[1] > before)
 
     @cached_property
     def _prices(self) -> Prices:
@@ -117,7 +118,7 @@ class ModelLook:
         allowed = RunAllowance(self._prices, max_calls=self.wanted.budget, before=before)
         return planned.make(allowed, self.watch.bar)
 
-    def _answered(self, outcome: RunOutcome, *, asked: bool) -> Look:
+    def _answered(self, outcome: RunOutcome, mode: RequestMode, *, asked: bool) -> Look:
         """Return the answer of the run, and write its page."""
         wanted = self.wanted
         scored = battery.score(wanted.run)
@@ -131,11 +132,11 @@ class ModelLook:
             wanted.spec,
             verdict.answer if whole else "Inconclusive",
             because,
-            (*_holes(verdict), *_failed(wanted)),
+            (*_holes(verdict), *_unseen(verdict, mode), *_failed(wanted)),
             verdict.calibrated.label,
             pictures,
             among,
-            tuple(_steps(wanted, verdict, whole=whole)),
+            tuple(_steps(wanted, verdict, mode, whole=whole)),
             wanted.report,
             wanted.run,
             scored.models[wanted.spec].answered,
@@ -168,11 +169,36 @@ UNTESTED = "whether it follows the gap was not tested"
 
 
 def _holes(verdict: Verdict) -> Iterator[str]:
-    """Yield the places where the answer does not hold, with counts."""
+    """Yield the places where the answer does not hold; those of equal counts are in one line."""
+    counts: dict[tuple[int, int], list[str]] = {}
     for hole in verdict.holes:
-        where = hole.where.replace("`", "")
-        yield f"Not {where}: it brakes harder for the nearer lead on {hole.harder} of {hole.frames} frames."
+        counts.setdefault((hole.harder, hole.frames), []).append(hole.where.replace("`", ""))
+    for (harder, frames), places in counts.items():
+        each = " in each of these, which may be the same ones" if len(places) > 1 else ""
+        where = ", ".join(places)
+        yield f"Not {where}: it brakes harder for the nearer lead on {harder} of {frames} frames{each}."
     yield from (f"Not excluded: {words}." for words in verdict.open_to)
+
+
+def _sight(mode: RequestMode) -> str:
+    """Return in words whether the drawn pictures showed that a model sees."""
+    found = mode.measured
+    if found is None or found.sees_image:
+        return "it sees its pictures"
+    said = found.facts.get("picture", "")
+    return f"whether its pictures reach it was not shown{said and f' ({said})'}"
+
+
+def _may_be_blind(verdict: Verdict, mode: RequestMode) -> bool:
+    """Return whether the cause of a No may be a picture that does not arrive."""
+    return verdict.answer == "No" and mode.measured is not None and not mode.measured.sees_image
+
+
+def _unseen(verdict: Verdict, mode: RequestMode) -> Iterator[str]:
+    """Yield that pictures may not arrive, where no drawn picture showed that they do."""
+    if _may_be_blind(verdict, mode):
+        said = _sight(mode)
+        yield f"{said[0].upper()}{said[1:]}: the fault may lie between eyechart and the model."
 
 
 def _failed(wanted: LookRequest) -> Iterator[str]:
@@ -205,7 +231,7 @@ def _pictures(answers: Answers) -> tuple[tuple[PictureResult, ...], str]:
     return tuple(found), among
 
 
-def _steps(wanted: LookRequest, verdict: Verdict, *, whole: bool) -> Iterator[NextStep]:
+def _steps(wanted: LookRequest, verdict: Verdict, mode: RequestMode, *, whole: bool) -> Iterator[NextStep]:
     """Yield the possible next steps."""
     run = str(wanted.run)
     if not whole:
@@ -219,6 +245,8 @@ def _steps(wanted: LookRequest, verdict: Verdict, *, whole: bool) -> Iterator[Ne
         settle = verdict.why_not.first or verdict.why_not.settle
         if not settle.startswith("nothing"):
             yield NextStep(f"to settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
+    if _may_be_blind(verdict, mode):
+        yield NextStep("see whether its pictures reach it", doctor_command(wanted))
     if verdict.answer == "No":
         again = wanted.out.with_name(f"{wanted.out.name}-2")
         yield NextStep("try another prompt", wanted.command(prompt="FILE.toml", out=again))

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from eyechart.errors import SourceError, SpecError, finite_number, raising
+from eyechart.errors import SourceError, SpecError, finite_number, plain_file, raising
 from eyechart.event_loops import Progress
-from eyechart.formats import FORMATS
+from eyechart.formats import FORMATS, format_of_data_set
 from eyechart.importing.bank import Choices
-from eyechart.importing.lerobot import Horizon, read_dataset
+from eyechart.importing.lerobot import Horizon
 from eyechart.importing.photographs import Convert
 from eyechart.records import parse_json
 from eyechart.simulators import open_bank_simulator
@@ -24,20 +24,28 @@ TABLE, TABLE_STEPS = "tabletop", 6
 """The drawn bank for a policy: 72 frames of 12 episodes."""
 SEEDS = (0, 1, 2)
 
+_FILES, _END_BYTES = "files", 65_536
+_CONTENT = frozenset(
+    ".png .jpg .jpeg .webp .bmp .tif .tiff .gif .parquet .mp4 .json .jsonl .csv .hdf5 .h5 .hdf".split()
+)
+"""The files whose content a record covers; a bank is made from no others."""
+
 TAKEN = 300
 """About this many frames of a data set are used: every Nth, from all episodes."""
 
 
-_LONG_WAY = "; or make the bank with 'eyechart frames import', which takes these options, and give it with --frames"
+LONG_WAY = "; for an option that this names, make the bank with 'eyechart frames import', and give it with --frames"
+"""The end of an error of a data set that needs options of its import."""
 
 
 @dataclass(frozen=True)
 class Pictures:
     """The source of a look's frames; without one, eyechart draws a bank.
 
-    ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a LeRobotDataset. For
-    the last two, ``columns`` maps places to columns, and a distance below ``threshold`` in ``unit``
-    is near. Raises SpecError if these contradict each other.
+    ``frames`` is a bank, ``photos`` a folder with its ``table``, ``dataset`` a
+    LeRobotDataset or demonstrations in HDF5. For the last two, ``columns`` maps places to columns,
+    and a distance below ``threshold`` in ``unit`` is near. Raises SpecError if these contradict
+    each other.
     """
 
     frames: Path | None = None
@@ -82,7 +90,7 @@ class Pictures:
             return place
         out.mkdir(parents=True, exist_ok=True)
         self._make(place, move, steps, history)
-        said = {"format": FORMAT, "frames": self._said(steps, history)}
+        said = {"format": FORMAT, "frames": self._said(out, steps, history)}
         (out / RECORD).write_text(json.dumps(said, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         return place
 
@@ -91,23 +99,22 @@ class Pictures:
         if self.photos is not None and self.table is not None:
             FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
         elif self.dataset is not None:
-            frames = sum(
-                length or 0 for length in read_dataset(self.dataset, None, every=True).episodes.lengths.values()
-            )
-            ahead, every = None if steps is None else Horizon(steps, rotations=None), max(1, frames // TAKEN)
-            own = replace(choices, every=every, history=history, convert=None)
-            with raising(SourceError, f"{self.dataset}", _LONG_WAY, of=SourceError):
-                FORMATS["lerobot"].importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
+            form, ahead = format_of_data_set(self.dataset), None if steps is None else Horizon(steps, rotations=None)
+            with raising(SourceError, f"{self.dataset}", LONG_WAY, of=SourceError):
+                every = max(1, form.length(self.dataset) // TAKEN)
+                own = replace(choices, every=every, history=history, convert=None)
+                form.importer()(self.dataset, out=place, choices=own, ahead=ahead, progress=move)
         elif steps is None:
             open_bank_simulator(WORLD).build(place, seeds=SEEDS, steps=STEPS, progress=move)
         else:
             open_bank_simulator(TABLE).build(place, seeds=SEEDS, steps=TABLE_STEPS, progress=move)
 
-    def _said(self, steps: int | None, history: int) -> dict[str, object]:
-        """Return in plain values what the folder's bank is made from."""
+    def _said(self, out: Path, steps: int | None, history: int) -> dict[str, object]:
+        """Return in plain values what the bank in the folder ``out`` is made from."""
         table = None if self.table is None else hashlib.sha256(self.table.read_bytes()).hexdigest()
         places = {"photos": self.photos, "dataset": self.dataset}
         found: dict[str, object] = {name: str(path.resolve()) for name, path in places.items() if path is not None}
+        found |= {_FILES: _digest(path, out) for path in places.values() if path is not None}
         return {
             **(found or {"world": WORLD if steps is None else TABLE}),
             "table_sha256": table,
@@ -135,9 +142,27 @@ class Pictures:
         return frames
 
     def _require_same(self, out: Path, steps: int | None, history: int) -> None:
-        before, now = self._record(out), self._said(steps, history)
+        before, now = self._record(out), self._said(out, steps, history)
+        now = now if _FILES in before else {name: one for name, one in now.items() if name != _FILES}  # an older look
         if other := [name for name in now.keys() | before.keys() if before.get(name) != now.get(name)]:
             raise SpecError(
                 f"{out} holds a bank of other pictures ({', '.join(sorted(other))}): give the same options as "
                 "before, or another --out"
             )
+
+
+def _digest(place: Path, out: Path) -> str:
+    """Return the SHA-256 of a file's, or of a folder's files', names, sizes and ends, without those in ``out``.
+
+    The ends of a file are its first and last bytes: a data set may have gigabytes.
+    """
+    found, own = hashlib.sha256(), out.resolve()
+    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        if path.suffix.lower() in _CONTENT and path.is_file() and not path.resolve().is_relative_to(own):
+            with plain_file(path).open("rb") as file:
+                size = path.stat().st_size
+                found.update(f"{path.relative_to(place).as_posix()}\x1f{size}\x1f".encode())
+                found.update(file.read(_END_BYTES))
+                file.seek(max(0, size - _END_BYTES))
+                found.update(file.read(_END_BYTES))
+    return found.hexdigest()

@@ -9,13 +9,15 @@ from tempfile import TemporaryDirectory
 
 from eyechart.channels import CAMERAS, InputShapes
 from eyechart.costs import assumed, estimate
-from eyechart.formats import FORMATS
+from eyechart.errors import SourceError, raising
+from eyechart.formats import format_of_data_set
 from eyechart.frames import open_bank
 from eyechart.importing.bank import Choices
 from eyechart.importing.lerobot import Horizon
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome, Usage
 from eyechart.looks.answer import Look, NextStep, PictureResult
+from eyechart.looks.pictures import LONG_WAY
 from eyechart.looks.reach import affordable
 from eyechart.looks.request import Bill, LookRequest, Watch, write_report
 from eyechart.looks.sight_checks import MOST_CALLS as OF_SIGHT
@@ -65,11 +67,13 @@ def steps_of(wanted: LookRequest) -> int:
     held = wanted.held or open_policy(wanted.spec)
     if (shapes := InputShapes.of(held.model.facts)) is not None:
         return shapes.steps
-    with TemporaryDirectory() as folder:
-        bank, run = Path(folder) / "bank", Path(folder) / "run"
+    with TemporaryDirectory() as trial:
+        bank, run = Path(trial) / "bank", Path(trial) / "run"
         few = Choices(every=_SELDOM, history=history_of(held.model.facts))
         a_few = {"choices": few, "ahead": Horizon(1, "delta", rotations=None)}
-        FORMATS["lerobot"].importer()(wanted.pictures.dataset, out=bank, **a_few)
+        folder = wanted.pictures.dataset
+        with raising(SourceError, f"{folder}", LONG_WAY, of=SourceError):
+            format_of_data_set(folder).importer()(folder, out=bank, **a_few)
         policy.run(policy.plan(bank, [held], run, extent=PolicySelection(1), conditions=("real",)))
         with Ledger(run / LEDGER) as ledger:
             ((_, reply),) = ledger.replies(wanted.spec)
@@ -250,8 +254,11 @@ def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, l
     if answer == "Yes":
         yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
     elif CAMERA[label].may_be_more:
-        settle, plan = settling(scored, wanted.spec, CAMERAS), f"eyechart plan {shlex.quote(str(asked.bank))}"
-        yield NextStep(f"to settle it: {settle.do}", plan)
+        settle = settling(scored, wanted.spec, CAMERAS)
+        if settle.is_of_the_road:
+            yield NextStep("to settle it: does its picture reach it?", asked.doctor())
+        else:
+            yield NextStep(f"to settle it: {settle.do}", f"eyechart plan {shlex.quote(str(asked.bank))}")
     else:
         yield NextStep("see whether its pictures reach it", asked.doctor())
     yield NextStep("what it does with its state and its instruction", f"eyechart verdict {run}")

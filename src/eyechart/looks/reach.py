@@ -16,6 +16,10 @@ GROWTH = 1.5
 LEAST = 8
 """With fewer frames no effect differs from chance."""
 _DRAWS = 200
+_OF_MOVED = (
+    "the bank has no pictures of the same moments with the lead moved; how to take or edit them: "
+    "docs/bring-your-own-frames.md"
+)
 STANDS_FOR: Mapping[str, tuple[str, ...]] = {
     "Yes": ("depth",),
     "In part": ("content", "depth_associated", "partial_depth"),
@@ -61,7 +65,8 @@ class SampleReach:
         if held:
             how = f"; in brackets the power, for a model that answers {NOISE:.0%} of repeats differently"
             yield f"in reach on {self.frames} frames: {', '.join(held)}{how if '(' in ''.join(held) else ''}"
-        yield from (f"out of reach: {name}: {why}" for name, why in self.lacking.items())
+        for name, why in self.lacking.items():
+            yield f"out of reach: {name}: {_OF_MOVED if 'lead_near,' in why else why}"
         for name, one in rare.items():
             yield f"out of reach: {name}: power {one:.2f} on {self.frames} frames; more frames raise it"
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.costs import CostEstimate, duration
+from eyechart.looks.answer import PYTHON
 from eyechart.looks.pictures import Pictures
 from eyechart.models import OpenedModel
 from eyechart.models.http import is_loopback
@@ -65,7 +66,7 @@ class LookRequest:
         module, _, name = self.spec.removeprefix("python:").rpartition(":")
         if module == "__main__":
             named = {_ARGUMENTS.get(one, one): value for one, value in given.items()}
-            return f"eyechart.look({', '.join([name, *(f'{one}={value!r}' for one, value in named.items())])})"
+            return f"{PYTHON}{', '.join([name, *(f'{one}={value!r}' for one, value in named.items())])})"
         words: list[str] = []
         for one, value in given.items():
             many = [f"{a}={b}" for a, b in value.items()] if isinstance(value, dict) else [str(value)]

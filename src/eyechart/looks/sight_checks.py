@@ -49,7 +49,7 @@ class SightChecks:
 
     @property
     def spent(self) -> Usage:
-        """Return what tests without a resulting mode spent: blind, or killed."""
+        """Return what earlier tests spent that gave no mode: the model was blind, or they were killed."""
         file = self.out / SPENT
         with raising(LedgerError, f"{file} does not say what was spent", of=(ValueError, RecursionError)):
             return build(Usage, parse_json(file.read_text(encoding="utf-8"))) if file.is_file() else NOTHING
@@ -91,13 +91,18 @@ class SightChecks:
         return pinned
 
 
+def doctor_command(wanted: LookRequest) -> str:
+    """Return the command that shows a served model the drawn pictures and prints each result."""
+    address = ("--base-url", wanted.mode.base_url) if wanted.mode.base_url else ()
+    return shlex.join(["eyechart", "doctor", wanted.spec, *address])
+
+
 def unseen(wanted: LookRequest, found: SightFailure) -> Look:
     """Return the answer about a model that is not asked, with its likely causes."""
     said = "; ".join(found.causes)
     because = f"No call about the frames was made, because it was not shown to see: {found.because}."
-    address = ("--base-url", wanted.mode.base_url) if wanted.mode.base_url else ()
     steps = (
-        NextStep("see each question and its reply", shlex.join(["eyechart", "doctor", wanted.spec, *address])),
+        NextStep("see each question and its reply", doctor_command(wanted)),
         NextStep("look again after the repair", wanted.command()),
     )
     causes = (f"Likely cause: {said}.",) if said else ()

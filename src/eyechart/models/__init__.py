@@ -211,13 +211,14 @@ async def ask(model: Model, query: Query) -> Reply:
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
 
 
-_FIELDS = tuple(field.name for field in fields(Reply))
-_values = attrgetter(*_FIELDS)
+_SAID = tuple(one.name for one in fields(Reply) if one.type in {str, str | None} and one.name != "payload_sha256")
+"""The fields of a reply that may hold words of others; `misfit` lets only a digest be the other."""
+_words = attrgetter(*_SAID)
 
 
 def cleaned(reply: Reply) -> Reply:
     """Return a reply without the values of environment variables that are keys by their names."""
-    texts = {name: text for name, text in zip(_FIELDS, _values(reply), strict=True) if text and isinstance(text, str)}
+    texts = {name: text for name, text in zip(_SAID, _words(reply), strict=True) if text and isinstance(text, str)}
     found: dict[str, Any] = each_without_secrets(texts)
     return replace(reply, **found) if found != texts else reply
 

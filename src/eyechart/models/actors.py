@@ -1,6 +1,8 @@
 """Models held by actors on a Ray cluster: the coordinator plans and records, the actors answer."""
 
-from collections.abc import Mapping
+import asyncio
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,6 +10,7 @@ from eyechart.calls import Query, Reply
 from eyechart.clusters import actor, join, require_gpus
 from eyechart.errors import SpecError
 from eyechart.models import Model, ask, open_model
+from eyechart.models.batches import Batches
 from eyechart.modes import RequestMode
 
 OPENING_S = 600.0
@@ -37,22 +40,33 @@ class ActorPool:
             spec: PooledModel(modes[spec], answering, model.version, dict(model.facts), self)
             for spec, model in models.items()
         }
-        for one in held.values():
-            one.open()
+        try:
+            for one in held.values():
+                one.open()
+        except BaseException:
+            for one in held.values():
+                one.end()
+            raise
         return held
 
 
 class PooledModel:
     """A model that actors hold; a query goes to the one with the fewest under way.
 
-    An actor that dies costs the calls that it had under way: they are attempts that failed, and
-    the run makes them again on a new actor.
+    Queries of a model with a ``batch`` are collected here, and each batch goes to one actor whole.
+    The ``batch`` in its facts is that of all actors, so that a run opens enough calls. An actor
+    that dies costs the calls that it had under way: they are attempts that failed, and the run
+    makes them again on a new actor. Until that one has opened the model, calls go to the others.
+    If no actor has opened it in `OPENING_S`, as where the GPUs went with a node, the model counts
+    as missing.
     """
 
     def __init__(
         self, mode: RequestMode, answering: str, version: str, facts: Mapping[str, str], workers: ActorPool
     ) -> None:
-        self.version, self.facts = version, facts
+        batch = int(facts.get("batch", 0))
+        self.version, self.facts = version, {**facts, **({"batch": str(batch * workers.count)} if batch else {})}
+        self._batches = Batches(batch, self._replies) if batch else None
         self._mode, self._answering, self._workers = mode, answering, workers
         self._actors: list[_PooledActor] = []
 
@@ -62,35 +76,48 @@ class PooledModel:
         self._start()
         for one in self._actors:
             try:
-                found = ray.get(one.handle.version.remote(), timeout=OPENING_S)
+                found = one.version.result(timeout=OPENING_S)
+            except TimeoutError as error:
+                raise SpecError(f"{self._unopened}: do other jobs hold its GPUs?") from error
             except ray.exceptions.RayError as error:
                 raise SpecError(f"a worker of the cluster did not open {self._mode.spec}: {_first(error)}") from error
             if found != self.version:
-                self._end()
                 raise SpecError(
                     f"a worker of the cluster has {self._mode.spec} as {found}, and this machine as {self.version}: "
                     "all nodes need the same files and the same eyechart"
                 )
 
+    @property
+    def _unopened(self) -> str:
+        return f"no node of the cluster opened {self._mode.spec} in a worker within {OPENING_S:g} s"
+
     async def answer(self, query: Query) -> Reply:
         """Answer one query by an actor; an actor's death is a failure that may pass."""
+        return (await self._replies([query]))[0] if self._batches is None else await self._batches.answer(query)
+
+    async def _replies(self, queries: Sequence[Query]) -> Sequence[Reply]:
+        """Answer queries by one actor, as a batch of its model."""
         self._start()
-        one = min(self._actors, key=lambda each: each.under_way)
-        one.under_way += 1
+        one = min(self._actors, key=lambda each: (not each.is_open, each.under_way))
+        one.under_way += len(queries)
         ray = join()
         try:
-            reply: Reply = await one.handle.answer.remote(query)
+            if not one.is_open:
+                await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(one.version)), OPENING_S)
+            replies: Sequence[Reply] = await one.handle.answer.remote(queries)
+        except TimeoutError:
+            return [Reply(error="missing_model", error_detail=self._unopened)] * len(queries)
         except ray.exceptions.RayError as error:
             if one in self._actors:  # the first call that it fails replaces it
                 self._actors[self._actors.index(one)] = self._new()
-            return Reply(error="server_error", error_detail=f"its worker was lost: {_first(error)}")
+            return [Reply(error="server_error", error_detail=f"its worker was lost: {_first(error)}")] * len(queries)
         finally:
-            one.under_way -= 1
-        return reply
+            one.under_way -= len(queries)
+        return replies
 
     async def close(self) -> None:
         """End the actors; the next call starts new ones."""
-        self._end()
+        self.end()
 
     def _start(self) -> None:
         while len(self._actors) < self._workers.count:
@@ -98,9 +125,11 @@ class PooledModel:
 
     def _new(self) -> "_PooledActor":
         given = (self._mode, self._answering, self.version)
-        return _PooledActor(actor(_ModelActor, *given, gpus=self._workers.gpus))
+        made = actor(_ModelActor, *given, gpus=self._workers.gpus)
+        return _PooledActor(made, made.version.remote().future())
 
-    def _end(self) -> None:
+    def end(self) -> None:
+        """End the actors."""
         ray = join()
         while self._actors:
             ray.kill(self._actors.pop().handle)
@@ -108,12 +137,20 @@ class PooledModel:
 
 @dataclass(eq=False, slots=True)
 class _PooledActor:
+    """An actor, the version that it will say once it has opened its model, and its calls under way."""
+
     handle: Any
+    version: "Future[str]"
     under_way: int = field(default=0)
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether it has opened its model, or died."""
+        return self.version.done()
 
 
 class _ModelActor:
-    """A model on a node; its calls run in one event loop, so that batches fill."""
+    """A model on a node; its calls run in one event loop, so that those of a batch are one."""
 
     def __init__(self, mode: RequestMode, answering: str, version: str) -> None:
         self._mode, self._answering, self._version = mode, answering, version
@@ -131,15 +168,17 @@ class _ModelActor:
         except Exception as error:  # noqa: BLE001 - it is told where the run was started
             return f"{type(error).__name__}: {error}"
 
-    async def answer(self, query: Query) -> Reply:
-        """Answer one query."""
+    async def answer(self, queries: Sequence[Query]) -> Sequence[Reply]:
+        """Answer queries at once."""
         try:
             model = self._opened()
         except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-            return Reply(error="missing_model", error_detail=f"{type(error).__name__}: {error}")
+            failed = Reply(error="missing_model", error_detail=f"{type(error).__name__}: {error}")
+            return [failed] * len(queries)
         if model.version != self._version:
-            return Reply(error="missing_model", error_detail=f"this node has version {model.version}")
-        return await ask(model, query)
+            failed = Reply(error="missing_model", error_detail=f"this node has version {model.version}")
+            return [failed] * len(queries)
+        return await asyncio.gather(*(ask(model, query) for query in queries))
 
 
 def _first(error: BaseException) -> str:

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any
 from urllib.parse import unquote, urlencode, urlsplit
 from urllib.request import getproxies, proxy_bypass
@@ -50,6 +51,7 @@ _BOUNDS = {
     "system_fingerprint": _NAME,
 }
 """A reply's texts from a server, with the length that each may have after secrets are removed."""
+_texts = attrgetter(*_BOUNDS)
 
 
 @dataclass(slots=True)
@@ -72,10 +74,10 @@ class Response:
     arrived: list[tuple[int, float]] = field(default_factory=list, repr=False)
     came_over: ResponseHandler | None = field(default=None, repr=False)
 
-    def reply(self, reply: Reply) -> Reply:
-        """Return a reply with this response's status, times, and request size and digest."""
-        return replace(
-            reply,
+    def reply(self, **said: Any) -> Reply:  # noqa: ANN401 - the fields of a Reply
+        """Return a reply with these fields and this response's status, times, and request digest."""
+        return Reply(
+            **said,
             status=self.status,
             seconds=self.seconds,
             first_byte_s=self.first_byte_s,
@@ -93,7 +95,7 @@ class Response:
         if self.came_over is not None and self.came_over.transport is not None:
             self.came_over.transport.close()
         words = self.scrub(detail or self.detail)  # before it is cut: half a key is not recognised
-        return self.reply(Reply(error=error or self.error, error_detail=printable(words)))
+        return self.reply(error=error or self.error, error_detail=printable(words))
 
 
 class _Connector(aiohttp.TCPConnector):
@@ -167,6 +169,7 @@ class Endpoint:
                 seen.error, detail = _judged(came, seen)
         except (TimeoutError, aiohttp.ClientError, OSError, ValueError) as failure:
             seen.error, detail = _failed(failure, seen, self.timeout_s)
+            _let_go(failure)
         seen.detail, seen.seconds = self.scrub(detail), time.perf_counter() - start
         return seen
 
@@ -182,10 +185,11 @@ class Endpoint:
 
     def scrubbed(self, reply: Reply) -> Reply:
         """Return a reply without secrets, which a server may repeat; then cut its names."""
-        texts = {name: getattr(reply, name) for name in _BOUNDS}
-        clean = {name: self.scrub(text)[: _BOUNDS[name]] for name, text in texts.items() if text}
-        changed = {name: text for name, text in clean.items() if text != texts[name]}
-        return replace(reply, **changed) if changed else reply  # type: ignore[arg-type]
+        changed = {}
+        for (name, most), text in zip(_BOUNDS.items(), _texts(reply), strict=True):
+            if text and (clean := self.scrub(text)[:most]) != text:
+                changed[name] = clean
+        return replace(reply, **changed) if changed else reply
 
     def _open(self) -> aiohttp.ClientSession:
         loop = asyncio.get_running_loop()
@@ -244,6 +248,16 @@ def _failed(failure: Exception, response: Response, timeout_s: float) -> tuple[E
     if isinstance(failure, aiohttp.ClientConnectionError | aiohttp.ClientProxyConnectionError | OSError):
         return "connection", words
     return "unreadable", f"no HTTP response: {words}"
+
+
+def _let_go(failure: BaseException | None) -> None:
+    """Take the frames from a failure and its causes: they hold it and the request in a circle.
+
+    A server that is gone fails many calls a second, and the collector of circles comes late.
+    """
+    while failure is not None:
+        failure.__traceback__ = None
+        failure = failure.__cause__ or failure.__context__
 
 
 def _json_of(body: bytes | bytearray) -> object:

@@ -328,16 +328,17 @@ def _read(came: Response, name: str) -> Reply:
             reasoning.append(_text(message, "thinking"))
             called = called or bool(message.get("tool_calls"))
         if part.get("done") is True:
-            return came.reply(_reply(part, "".join(text), "".join(reasoning), called=called))
+            return came.reply(**_said(part, "".join(text), "".join(reasoning), called=called))
     return came.failure("cut_short", f"the stream ended after {len(came.body)} bytes, before it was done")
 
 
-def _reply(last: Mapping[str, object], text: str, reasoning: str, *, called: bool) -> Reply:
-    return Reply(
-        text=text,
-        finish_reason="tool_calls" if called else end_of(last.get("done_reason")),
-        prompt_tokens=count_of(last.get("prompt_eval_count")),
-        completion_tokens=count_of(last.get("eval_count")),
-        reasoning=reasoning,
-        served=_text(last, "model") or None,
-    )
+def _said(last: Mapping[str, object], text: str, reasoning: str, *, called: bool) -> dict[str, object]:
+    """Return the fields of a reply that the stream gives."""
+    return {
+        "text": text,
+        "finish_reason": "tool_calls" if called else end_of(last.get("done_reason")),
+        "prompt_tokens": count_of(last.get("prompt_eval_count")),
+        "completion_tokens": count_of(last.get("eval_count")),
+        "reasoning": reasoning,
+        "served": _text(last, "model") or None,
+    }

@@ -121,7 +121,7 @@ def open_model(name: str, mode: RequestMode) -> OpenAICompatible:
 
 
 def names() -> dict[str, str]:
-    """Return what may stand after ``openai:``."""
+    """Return the kinds of names that follow ``openai:`` in a SPEC, each with its meaning."""
     return {"MODEL": "a model of OpenAI, or with --base-url of vLLM, llama.cpp, SGLang, OpenRouter, transformers serve"}
 
 
@@ -237,8 +237,8 @@ def _read_body(came: Response, body: dict[str, object], *, tool: bool) -> Reply:
         require_text(message.get("content"))
     except ValueError as error:
         return came.failure("unreadable", str(error))
-    reply = _reply(body, choice, message)
-    return came.reply(_from_tool(reply, message) if tool else reply)
+    reply = came.reply(**_said(body, choice, message))
+    return _from_tool(reply, message) if tool else reply
 
 
 def _hinted(reply: Reply, mode: RequestMode) -> Reply:
@@ -289,7 +289,8 @@ def _failed(came: Response, error: object) -> Reply:
     return came.failure(kind, with_proof(f"{WITHIN}{words}", code, error) if kind == "bad_request" else WITHIN + words)
 
 
-def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> Reply:
+def _said(body: dict[str, object], choice: dict[str, object], message: dict[str, object]) -> dict[str, object]:
+    """Return the fields of a reply that a completion gives."""
     text, finish = text_of(message.get("content")), end_of(choice.get("finish_reason"))
     refusal = refusal_of(message)
     if ending(finish) not in {"cut", "filtered"}:  # a refusal or a tool call outranks a normal end
@@ -299,18 +300,18 @@ def _reply(body: dict[str, object], choice: dict[str, object], message: dict[str
     details = usage.get("completion_tokens_details")
     fingerprint = _line(body.get("system_fingerprint"))
     served = _line(body.get("model"))
-    return Reply(
-        text=text or refusal or "",
-        finish_reason=finish,
-        prompt_tokens=count_of(usage.get("prompt_tokens")),
-        completion_tokens=count_of(usage.get("completion_tokens")),
-        reasoning=text_of(message.get("reasoning_content")) or text_of(message.get("reasoning")),
-        reasoning_tokens=count_of(details.get("reasoning_tokens")) if isinstance(details, dict) else None,
-        served=f"{served} {fingerprint}" if served and fingerprint else served,
-        provider=_line(body.get("provider")),
-        system_fingerprint=fingerprint,
-        cost_usd=number_of(usage.get("cost")),
-    )
+    return {
+        "text": text or refusal or "",
+        "finish_reason": finish,
+        "prompt_tokens": count_of(usage.get("prompt_tokens")),
+        "completion_tokens": count_of(usage.get("completion_tokens")),
+        "reasoning": text_of(message.get("reasoning_content")) or text_of(message.get("reasoning")),
+        "reasoning_tokens": count_of(details.get("reasoning_tokens")) if isinstance(details, dict) else None,
+        "served": f"{served} {fingerprint}" if served and fingerprint else served,
+        "provider": _line(body.get("provider")),
+        "system_fingerprint": fingerprint,
+        "cost_usd": number_of(usage.get("cost")),
+    }
 
 
 def _from_tool(reply: Reply, message: dict[str, object]) -> Reply:

@@ -197,9 +197,8 @@ def _cannot_be_called(act: Act, *named: str) -> str:
     try:
         signature(act).bind({}, None, None, **dict.fromkeys(named))
     except TypeError as error:
-        return (
-            f"it is called with {', '.join(('images', 'state', 'instruction', *(f'{one}=' for one in named)))}: {error}"
-        )
+        given = ", ".join(("images", "state", "instruction", *(f"{one}=" for one in named)))
+        return f"it must take the arguments ({given}), and has ({', '.join(signature(act).parameters)}): {error}"
     except ValueError:  # a callable that is not written in Python has no signature
         return ""
     return ""

@@ -19,12 +19,14 @@ import inspect
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from queue import SimpleQueue
 from types import CellType, CodeType, FunctionType, MethodType
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, ClassVar, TypeGuard, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -52,8 +54,8 @@ _DEPTH = 4
 _FIRST: WeakKeyDictionary[object, str] = WeakKeyDictionary()
 """The values that each callable held when it was first seen."""
 
-_CALL = "eyechart-call"
-"""The name of the threads that call callables."""
+_CALL, _FREE = "eyechart-call", "eyechart-free"
+"""The names of threads that call callables, and of those that are kept for further calls."""
 
 HISTORIES = f"a whole number from 0 to {MOST_HISTORY}, of instants before the frame: LeRobot's n_obs_steps less 1"
 """The allowed values of ``history``, in words."""
@@ -76,9 +78,13 @@ class PythonCallable:
     left: set[threading.Thread] = field(default_factory=set)
     batch: int | None = None
     batches: Batches = field(init=False)
+    takes_messages: bool = field(init=False)
+    is_async: bool = field(init=False)
 
     def __post_init__(self) -> None:
         self.batches = Batches(self.batch or 1, self._replies)
+        self.takes_messages = _takes_messages(self.ask)
+        self.is_async = any(map(inspect.iscoroutinefunction, (self.ask, type(self.ask).__call__)))
 
     async def answer(self, query: Query) -> Reply:
         """Call once. An exception, or a call past the mode's time limit, is a failed Reply."""
@@ -95,7 +101,7 @@ class PythonCallable:
         return await in_time(self.mode.timeout_s, queries, self._answers(queries))
 
     async def _answers(self, queries: Sequence[Query]) -> Sequence[Reply | Exception]:
-        turns = [list(map(_message, query.turns)) for query in queries] if _takes_messages(self.ask) else []
+        turns = [list(map(_message, query.turns)) for query in queries] if self.takes_messages else []
         given = [(_words(query), *self._seen(query)) for query in queries]
         if self.batch is None:
             return [_reply(await self._ask(*given[0], **({"messages": turns[0]} if turns else {})))]
@@ -111,8 +117,7 @@ class PythonCallable:
         Raises TypeError where a callable of one image would miss a camera, or one without
         ``messages`` a turn.
         """
-        several = sum(turn.role != "system" for turn in query.turns) > 1
-        if (several or not set(query.pictures) <= set(query.images)) and not _takes_messages(self.ask):
+        if not self.takes_messages and _has_more(query):
             raise TypeError(
                 "the prompt has several messages or pictures: let it take them, as (prompt, image, *, messages)"
             )
@@ -128,12 +133,18 @@ class PythonCallable:
         return (query.image,)
 
     async def _ask(self, *given: object, **more: object) -> object:
-        if inspect.iscoroutinefunction(self.ask) or inspect.iscoroutinefunction(type(self.ask).__call__):
+        if self.is_async:
             return await self.ask(*given, **more)  # type: ignore[misc]
         return await in_thread(partial(self.ask, *given, **more), self.left)
 
     async def close(self) -> None:
         """Do nothing: there is nothing to release."""
+
+
+def _has_more(query: Query) -> bool:
+    """Return whether a query has messages or pictures beside its own."""
+    several = sum(turn.role != "system" for turn in query.messages) > 1
+    return several or not set(query.pictures if query.messages else ()) <= set(query.images)
 
 
 def _words(query: Query) -> str:
@@ -153,7 +164,8 @@ def _reply(said: object) -> Reply:
 async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
     """Call in a thread that does not keep the program from ending, even if the call never returns.
 
-    A cancelled call leaves its thread in ``left``. Raises NotCalledError while too many run.
+    Threads are kept for further calls. A cancelled call leaves its thread in ``left`` until it
+    returns. Raises NotCalledError while too many run.
     """
     left -= {thread for thread in left if not thread.is_alive()}
     if len(left) >= LEFT_AT_MOST:
@@ -165,7 +177,7 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
         if not done.done():
             ending()
 
-    def work() -> None:
+    def work() -> Callable[[], None]:
         try:
             ending = partial(done.set_result, ask())
         except StopIteration as stop:  # a Future cannot carry it
@@ -173,19 +185,71 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
         except BaseException as raised:  # noqa: BLE001 - without it the caller waits for ever
             error = raised if isinstance(raised, Exception) else RuntimeError(f"{type(raised).__name__}: {raised}")
             ending = partial(done.set_exception, error)
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(settle, ending)
+        return partial(loop.call_soon_threadsafe, settle, ending)
 
-    thread = threading.Thread(target=work, name=_CALL, daemon=True)
     try:
-        thread.start()
+        thread = _CallThread.free()
     except RuntimeError as error:  # the system has no room for another thread
         raise NotCalledError(f"not called: {error}") from error
+    thread.make(work)
     try:
         return await done
     except asyncio.CancelledError:
-        left.add(thread)
+        if thread.give_up(work):
+            left.add(thread)
         raise
+
+
+Work = Callable[[], Callable[[], object]]
+"""Makes a call and returns what hands its result over."""
+
+
+class _CallThread(threading.Thread):
+    """A thread that makes calls one after another, and ends after one that was given up."""
+
+    _free: ClassVar[list["_CallThread"]] = []
+    _lock: ClassVar[threading.Lock] = threading.Lock()
+
+    def __init__(self) -> None:
+        super().__init__(name=_CALL, daemon=True)
+        self._queue: SimpleQueue[Work] = SimpleQueue()
+        self._work: Work | None = None
+        self._given_up = False
+
+    @classmethod
+    def free(cls) -> "_CallThread":
+        """Return a thread without a call, a new one if all have one; raises RuntimeError."""
+        with cls._lock:
+            while cls._free:
+                if (thread := cls._free.pop()).is_alive():  # none is, in a process that was forked
+                    thread.name = _CALL
+                    return thread
+        (thread := cls()).start()
+        return thread
+
+    def make(self, work: Work) -> None:
+        """Make a call in this thread, which has none."""
+        self._work = work
+        self._queue.put(work)
+
+    def give_up(self, work: Work) -> bool:
+        """End the thread after this call; return False if the call has returned already."""
+        with self._lock:
+            self._given_up = self._given_up or self._work is work
+            return self._work is work
+
+    def run(self) -> None:
+        while not self._given_up:
+            work = self._queue.get()
+            hand_over = work()
+            with self._lock:
+                self._work = None
+                if not self._given_up:
+                    self.name = _FREE
+                    self._free.append(self)
+            with suppress(RuntimeError):  # the loop is closed, and nobody waits
+                hand_over()
+            del work, hand_over  # they hold the call's pictures and its result
 
 
 def under_way() -> frozenset[threading.Thread]:

@@ -34,9 +34,9 @@ def facts_of(module: ModuleType | None) -> dict[str, str]:
 
 
 def version_of(facts: Mapping[str, str], *more: str) -> dict[str, str]:
-    """Return the ``version`` of a callable, and its version in older runs where that differs.
+    """Return a callable's ``version``, and the version that older runs recorded if it differs.
 
-    ``more`` are further digests that are part of the version.
+    ``more`` are further digests that the version includes.
     """
     own, files = facts[OWN], parse_json(facts[FILES])
     whole = own if len(files) == 1 else _digest(json.dumps(sorted(files.items())).encode())

@@ -24,8 +24,8 @@ Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 
 _UNKNOWN = frozenset({"", "—", "unknown", "not measured"})
 """Texts of a cell with an unknown value."""
-_COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)")
-"""A command that is quoted in a sentence, or an option."""
+_COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)|`([^`\n]+)`")
+"""A command that is quoted in a sentence, an option, or a name in backticks."""
 
 MARK = "!"
 """The mark of a verdict whose run failed a sanity check; the check is explained below the table."""
@@ -461,7 +461,7 @@ def marked(name: str, marks: Iterable[str]) -> Iterator[str]:
 
 def number(value: float | None, digits: int = 3) -> str:
     """Return a number as text; None is a dash."""
-    return "—" if value is None else f"{value:.{digits}f}"
+    return "—" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no negative zero
 
 
 def p_value(p: float | None) -> str:
@@ -507,11 +507,15 @@ def _plain_sign(sign: str) -> str:
 
 
 def coded(text: str) -> Markup:
-    """Return a sentence as HTML; its commands are code that breaks only between words."""
+    """Return a sentence as HTML; names and commands are code, and these break only between words."""
     made, end = "", 0
     for found in _COMMAND.finditer(text):
-        words = "".join(f"<span>{escape(word)}</span> " for word in (found[1] or found[2]).split()).rstrip()
-        made += f'{escape(text[end : found.start()])}<code class="command">{words}</code>'
+        made += escape(text[end : found.start()])
+        if found[3]:
+            made += f"<code>{escape(found[3])}</code>"
+        else:
+            words = "".join(f"<span>{escape(word)}</span> " for word in (found[1] or found[2]).split()).rstrip()
+            made += f'<code class="command">{words}</code>'
         end = found.end()
     return Markup(made + escape(text[end:]))  # noqa: S704 - every word was escaped just now
 

@@ -281,6 +281,8 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
     values: list[Value] = []
     for one in fields:
         found = _field_in(text, one, objects, rest)
+        if not isinstance(found, _NoFieldValue) and _names_other_unit(one, objects, alone=len(fields) == 1):
+            found = _NoFieldValue("other_unit")
         if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
         values.append(found)
@@ -376,6 +378,27 @@ def _at(value: object, path: Sequence[str]) -> Iterator[object]:
         for name, inner in value:
             if name == path[0]:
                 yield from _at(inner, path[1:])
+
+
+def _names_other_unit(field: AnswerField, objects: Sequence[_JsonPairs], *, alone: bool) -> bool:
+    """Return whether an object names another unit beside a number, as ``"speed_unit": "km/h"``.
+
+    ``"unit": "km/h"`` counts where the field is ``alone``: else it may be that of another.
+    """
+    if field.key is None or field.kind != "number":
+        return False
+    *path, leaf = field.key.split(".")
+    own = re.compile(rf"{re.escape(leaf)}[ _-]?units?" + ("|units?" if alone else ""), re.IGNORECASE)
+    beside = [pair for pairs in objects for parent in _at(pairs, path) for pair in _pairs(parent)]
+    listed = [pair for name, value in beside if name.casefold() in {"unit", "units"} for pair in _pairs(value)]
+    named = [value for name, value in beside if own.fullmatch(name)]
+    named += [value for name, value in listed if name == leaf]
+    return any(isinstance(one, str) and one.strip() not in {"", field.unit} for one in named)
+
+
+def _pairs(value: object) -> Sequence[tuple[str, object]]:
+    """Return an object's names and values; none of what is no object."""
+    return value if isinstance(value, _JsonPairs) else ()
 
 
 def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:

@@ -12,15 +12,30 @@ import numpy.typing as npt
 from eyechart.errors import SpecError, suggestion
 
 Floats = npt.NDArray[np.float64]
-Representation = Literal["quat_xyzw", "quat_wxyz", "axis_angle", "rot6d", "euler_xyz"]
+Representation = Literal[
+    "quat_xyzw",
+    "quat_wxyz",
+    "axis_angle",
+    "rot6d",
+    "euler_xyz",
+    "euler_zyx",
+    "euler_XYZ",
+    "euler_ZYX",
+    "euler_xyz_deg",
+    "euler_zyx_deg",
+    "euler_XYZ_deg",
+    "euler_ZYX_deg",
+]
 """How the numbers of a rotation are written.
 
 ``axis_angle`` is a rotation vector in radians. ``rot6d`` is the first column of the matrix, then
 its second; the order by rows, (3, 2) in memory, is another one and is not read. ``euler_xyz`` are
-turns in radians about the fixed axes x, then y, then z."""
+three turns in the order of the numbers, in small letters about fixed axes, in capital letters about
+the axes that turn along, as SciPy spells them. They are radians, and degrees with ``_deg``."""
 
 REPRESENTATIONS: tuple[Representation, ...] = get_args(Representation)
-WIDTH: dict[Representation, int] = {"quat_xyzw": 4, "quat_wxyz": 4, "axis_angle": 3, "rot6d": 6, "euler_xyz": 3}
+EULER, DEGREES = "euler_", "_deg"
+WIDTH: dict[Representation, int] = dict.fromkeys(REPRESENTATIONS, 3) | {"quat_xyzw": 4, "quat_wxyz": 4, "rot6d": 6}
 MATRIX = 9
 """The numbers of a rotation as it is compared."""
 FREEDOM = 3
@@ -69,8 +84,8 @@ def matrices(numbers: Floats, representation: Representation) -> Floats:
         return _of_columns(numbers[..., :3], numbers[..., 3:])
     if representation == "quat_wxyz":
         return _of_quaternions(np.roll(numbers, -1, axis=-1))
-    if representation == "euler_xyz":
-        return _of_angles(numbers)
+    if representation.startswith(EULER):
+        return _of_angles(np.deg2rad(numbers) if representation.endswith(DEGREES) else numbers, representation[6:9])
     return _of_quaternions(numbers if representation == "quat_xyzw" else _quaternions(numbers))
 
 
@@ -150,6 +165,11 @@ def _quaternions(numbers: Floats) -> Floats:
     return np.concatenate([numbers * np.sinc(half / np.pi) / 2, np.cos(half)], axis=-1)
 
 
-def _of_angles(numbers: Floats) -> Floats:
-    turns = [_of_quaternions(_quaternions(numbers[..., [place]] * np.eye(3)[place])) for place in range(3)]
-    return np.asarray(turns[2] @ turns[1] @ turns[0])
+def _of_angles(numbers: Floats, order: str) -> Floats:
+    """Return three turns in radians in an order as ``xyz``; those about fixed axes come from the left."""
+    turns = [
+        _of_quaternions(_quaternions(numbers[..., [place]] * np.eye(3)["xyz".index(axis)]))
+        for place, axis in enumerate(order.lower())
+    ]
+    first, second, third = turns if order.isupper() else reversed(turns)
+    return np.asarray(first @ second @ third)

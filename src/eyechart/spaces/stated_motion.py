@@ -44,7 +44,7 @@ class StatedMotionSpace(MotionSpace):
             for one in fields
         ]
         if len(known) == 1 and known[0].kind == "vector" and known[0].name not in units:
-            known = [replace(known[0], width=known[0].width or len(units))]
+            known = [replace(known[0], width=known[0].width or len(space.dimensions))]
         return cls(**given, fields=tuple(known))
 
     @classmethod
@@ -81,6 +81,11 @@ class StatedMotionSpace(MotionSpace):
                 )
             return
         units, found = {field_of(one): one.unit for one in self.dimensions}, [one.name for one in self.fields]
+        if len(units) < len(self.dimensions):
+            raise SpecError(
+                f"several numbers of a step have one field's name: {self._numbers}, of "
+                f"{', '.join(one.name for one in self.dimensions)}; declare one vector of all, size = {steps * wide}"
+            )
         if sorted(found) != sorted(units):
             raise SpecError(
                 f"the answer has the fields {', '.join(found)}, and a step of the bank's motions the numbers "

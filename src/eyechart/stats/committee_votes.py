@@ -99,7 +99,7 @@ def answers(hazard: npt.ArrayLike, missing: npt.ArrayLike, *, voters: int, thres
     if not 1 <= threshold <= voters:
         raise ValueError(f"threshold={threshold} must lie between 1 and the {voters} votes of the committee")
     if (h < 0).any() or (m < 0).any() or (h + m > voters).any():
-        raise ValueError(f"hazard and missing votes must be counts of at most {voters} together")
+        raise ValueError(f"hazard and missing votes must be whole numbers whose sum is at most {voters}")
     full = _full(np.arange(voters + 1), voters, threshold, point)
     sure = np.ones(np.broadcast_shapes(h.shape, m.shape), dtype=np.bool_)
     for more in range(int(m.max(initial=0)) + 1):

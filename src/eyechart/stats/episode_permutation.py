@@ -277,7 +277,8 @@ def _refusal(layout: _Strata, n: int, alpha: float, resamples: int, method: str)
     attainable = 1 / (resamples + 1) if sampled else smallest_p(layout.sizes)
     if attainable <= alpha:
         return None if n else not_available("no decisions", method=method)
-    why = f"exchanging {list(layout.sizes)} episodes per scenario gives a p of {attainable:.3g} at best"
+    sizes = ", ".join(map(str, layout.sizes)) or "no"
+    why = f"exchanging {sizes} episodes per scenario gives a p of {attainable:.3g} at best"
     note = "; ".join([f"{why}, above {alpha:g}", *layout.excluded])
     detail = {**layout.detail(), "smallest_p": attainable}
     return EpisodePermutation(None, n, method=method, note=note, detail=detail, smallest_p=attainable)

@@ -30,6 +30,16 @@ def exact_bounds(b: int, c: int, n: int, *, alpha: float = 0.01) -> tuple[float,
     return (-_upper(c, b, n, alpha), _upper(b, c, n, alpha)) if 0 < n <= EXACT_UP_TO else None
 
 
+def is_bounded(b: int, c: int, n: int, margin: float, *, alpha: float = 0.01) -> bool:
+    """Return whether the upper one of these bounds is at most ``margin``, without finding the bound.
+
+    Raises ValueError without pairs, and with more than `EXACT_UP_TO`.
+    """
+    if not 0 < n <= EXACT_UP_TO:
+        raise ValueError(f"outcomes are enumerated for 1 to {EXACT_UP_TO} pairs, not {n}")
+    return _p(b, c, n, margin, alpha) <= alpha
+
+
 @lru_cache(maxsize=256)
 def _upper(b: int, c: int, n: int, alpha: float) -> float:
     """Return the greatest difference that the counts do not reject, by bisection."""

@@ -128,7 +128,7 @@ def conformal_threshold(losses: npt.ArrayLike, risk: float) -> tuple[int | None,
     """
     given = np.asarray(losses, dtype=np.float64)
     if given.ndim != 2 or not ((given >= 0) & (given <= 1)).all() or (np.diff(given, axis=0) < -1e-12).any():
-        raise ValueError("losses must be shares in [0, 1] that do not fall with the threshold")
+        raise ValueError("losses must lie in [0, 1], and must not fall as the threshold rises")
     n = given.shape[1]
     risks = tuple(float(one) for one in (given.sum(axis=1) + 1) / (n + 1))
     fit = [number for number, one in enumerate(risks, 1) if one <= risk + 1e-12]

@@ -423,7 +423,7 @@ def distance_from_log(answers: Floats, logged: Floats) -> tuple[tuple[float, int
     moved = spread > TIE
     outside = ((a < b.min(axis=0) - spread / 2) | (a > b.max(axis=0) + spread / 2)).mean(axis=0)
     offset = np.abs(a.mean(axis=0) - b.mean(axis=0)) / np.where(moved, spread, 1.0)
-    both = moved & (own > ROUNDING * spread)
+    both = moved & (own > ROUNDING * spread) & (_ranges(a)[0] > 0)  # far from 0 equal numbers have a spread
     ratios = [
         np.where(both, first, 1.0) / np.where(both, second, 1.0) for first, second in ((own, spread), _ranges(a, b))
     ]

@@ -152,7 +152,7 @@ NO_RISE = compared(
     "p",
     ">",
     RISE_ALPHA,
-    but="it brakes harder for a farther lead, somewhere along the road{steepest}",
+    but="somewhere along the road it brakes harder for a farther lead{steepest}",
     unasked="whether it brakes harder for a farther lead somewhere was not tested",
 )
 

@@ -108,7 +108,7 @@ class StoppingPoint(KeyedRecord):
 
     def words(self) -> str:
         """Return what happened, in words."""
-        return f"stopped early after {self.calls} of {self.planned} calls, by {self.label}"
+        return f"stopped early after {self.calls} of {self.planned} calls, as {self.label} was settled"
 
 
 def early_rules(found: NamedStatistics, stopped: StoppingPoint, *, turns: bool) -> tuple[Ruling, str]:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from eyechart.stats.evalues import EValue
+from eyechart.stats.paired_tests import Places
 from eyechart.stats.statistic import Statistic
 
 
@@ -31,7 +32,7 @@ class Ruling:
         one = self.statistic
         if isinstance(one, EValue):
             settled = f"{self.decided_by} = {one.value:.4g}, at least {one.threshold:g}, after {one.n} frames"
-            so_are = f"; so are {', '.join(self.with_it)}" if self.with_it else ""
+            so_are = f"; settled too: {', '.join(self.with_it)}" if self.with_it else ""
             return f"{self.reason}: settled by {settled}{so_are}"
         return self.reason if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
 
@@ -48,8 +49,10 @@ def figures(one: Statistic) -> str:
 
 
 def number(statistic: Statistic) -> str:
-    """Return the value of a statistic as text; a dash where it is None."""
-    return "—" if statistic.value is None else f"{statistic.value:.3f}"
+    """Return the value of a statistic as text, a count of places whole; a dash where it is None."""
+    if isinstance(statistic, Places) and statistic.value is not None:
+        return f"{statistic.value:.0f}"
+    return "—" if statistic.value is None else f"{round(statistic.value, 3) + 0.0:.3f}"  # no negative zero
 
 
 def and_p(statistic: Statistic) -> str:

@@ -248,7 +248,7 @@ def share(one: Share) -> str:
         return way(one)
     if one.value <= 1 and one.ci is not None:
         return f"{100 * one.value:.1f} % [{100 * one.ci[0]:.1f}, over 100]"
-    return f"more than all (T {one.value:.2f}{_ends(one)})"
+    return f"all of it (T {one.value:.2f}{_ends(one)})"
 
 
 @word
@@ -256,7 +256,7 @@ def of_action(one: Share) -> str:
     """Return a share in words, with "of the action"."""
     if one.value is None or one.value <= 1:
         return f"{share(one)} of the action"
-    return f"all of the action and more (T {one.value:.2f}{_ends(one)})"
+    return f"all of the action (T {one.value:.2f}{_ends(one)}; another moment has T 1)"
 
 
 def _ends(statistic: Statistic) -> str:

@@ -24,7 +24,7 @@ from eyechart.verdicts.ruling import Ruling, measured, number
 from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
 _ASKED = {
-    "controlled": "intervention, with controls: the lead vehicle near and far, and who is near exchanged",
+    "controlled": "intervention, with controls: the lead vehicle near and far, and exchanged with a neighbour",
     "edited": "intervention, with controls, on edited photographs: copies of the lead near and far, and exchanged",
     "interventional": "intervention: the same moment with the lead vehicle near and far, and nothing as a control",
     "observational": "observation: whether braking goes with the gap that frames happen to have",
@@ -80,7 +80,7 @@ class Verdict(KeyedRecord):
 
     @property
     def rests_on_controls(self) -> bool:
-        """Return whether its label rests on control pictures, so that it matters who made them."""
+        """Return whether its label rests on control pictures, so that it matters how they were made."""
         return self.calibrated.label in _BY_DISTANCE and self.evidence not in {"observational", "none"}
 
     @property

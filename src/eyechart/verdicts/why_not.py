@@ -34,11 +34,11 @@ _BOUNDED = f"nothing on frames like these: the effect of content is bounded belo
 _DECISIONS = "replies that hold a decision: another output format, or a larger budget of tokens"
 MOVED = ("lead_near", "lead_far")
 PHOTOGRAPHED = {
-    "lead_near": "the obstacle ahead near",
-    "lead_far": "the obstacle ahead far",
-    "lead_drawn": "the obstacle ahead anywhere between",
-    "exchange_own": "the obstacle ahead anywhere between, one beside the path far",
-    "exchange_beside": "the one beside the path there, the obstacle ahead far",
+    "lead_near": "the lead near",
+    "lead_far": "the lead far",
+    "lead_drawn": "the lead anywhere between",
+    "exchange_own": "the lead anywhere between, one beside the path far",
+    "exchange_beside": "the one beside the path there, the lead far",
     "exchange_apart": "both far",
     PATCHED: "nothing moved, and edited as much, which 'eyechart frames edit' makes",
 }

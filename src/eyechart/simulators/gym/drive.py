@@ -186,7 +186,9 @@ class GymnasiumDrive:
                 plain = value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
                 if not isinstance(plain, str | int | float | bool | None):
                     kind = type(plain).__name__
-                    raise DriveError(f"environment '{self._id}': info '{path}' is a {kind}, no plain value")
+                    raise DriveError(
+                        f"environment '{self._id}': info '{path}' is a {kind}, and must be a number, text or flag"
+                    )
                 truth[column] = None if isinstance(plain, float) and not math.isfinite(plain) else plain
         return truth
 

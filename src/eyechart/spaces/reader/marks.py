@@ -232,7 +232,7 @@ def is_other_side(number: str, text: str, start: int, end: int) -> bool:
 
 
 def is_contrary(number: str, side: str) -> bool:
-    """Return whether a short number is not on a side, "left" or "right"."""
+    """Return whether a number's sign contradicts a side, "left" or "right"; a negative one is left."""
     return number == "0" or number.startswith("-") is not (side.lower() == "left")
 
 

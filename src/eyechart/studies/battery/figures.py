@@ -68,8 +68,9 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
         for who in everyone
     ]
     left = room([who.label for who in everyone])
-    width, height = left + 0.75 + 0.56 * max(1, len(conditions)), 1.0 + 0.31 * len(everyone)
-    figure, axes = canvas(width, height, (left, 0.75, 0.05, 0.95))
+    above = max([0.95, *(0.2 + 0.05 * len(name) for name in conditions)])  # of names that lean by 40 degrees
+    width, height = left + 0.75 + 0.56 * max(1, len(conditions)), 0.05 + above + 0.31 * len(everyone)
+    figure, axes = canvas(width, height, (left, 0.75, 0.05, above))
     for y, row in enumerate(shares):
         for x, (name, share) in enumerate(zip(conditions, row, strict=True)):
             cell(axes, x, y, share, number(share, 2), _colours(name, as_paper=as_paper))

@@ -17,14 +17,18 @@ from numpy.typing import NDArray
 
 from eyechart.conditions import CONDITIONS, CONTROLS, RANGED, SAMPLED, is_available, of_bank, sample
 from eyechart.errors import SpecError
-from eyechart.frames import FrameBank
+from eyechart.frames import PATCHED, FrameBank
 from eyechart.records import JsonRecord
 from eyechart.spaces.discrete import Discrete
-from eyechart.stats.paired_tests import bounded_below, sign_test
+from eyechart.spaces.space import Decision
+from eyechart.stats.exact_difference import EXACT_UP_TO, is_bounded
+from eyechart.stats.paired_tests import ChangedPairs, bounded_below, sign_test
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.controls import FEWEST_PAIRS
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests
+from eyechart.studies.battery.controls import FEWEST_PAIRS, OF_PICTURES
 from eyechart.studies.battery.depth import BESIDE, PICTURE_OF, BrakingLevels, moved_of
+from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import ALPHA, BOUND_ALPHA, MARGIN
 from eyechart.verdicts.depth import DEPTH
 
@@ -38,6 +42,8 @@ READS = (0.3, 1.0)
 DRAWS = 2000
 ALONG_DRAWS = 100
 """The number of draws where every statistic of each draw is computed."""
+RESAMPLES = 999
+"""The resamples of a test of photographs as taken, for each draw."""
 
 STRICT = ("shuffled", "recoloured", "cross_scenario")
 LOOSE = ("mirrored", "lead_near", "lead_far", "lead_absent")
@@ -47,7 +53,7 @@ NO_PICTURES = ("noise", "text_only")
 LEFT_OUT = (
     *("unparsed_reference", "unparsed_controls", "lane_net"),
     *("content_shuffled", "content_recoloured", "content_lead_absent", "kappa", "self_disagreement", "scene_cue"),
-    *("presence", "presence_response", "repeats_together", "photographed", "patched_excess", "patched_bound"),
+    *("presence", "presence_response", "repeats_together"),
 )
 """Tests of a verdict that the power leaves out; each sometimes costs such a model its label."""
 
@@ -250,20 +256,45 @@ class _SimulatedAnswers:
         distances = _distances(shown)
         least, greatest = (of(list(distances.values())) for of in (np.nanmin, np.nanmax))
         first, last = np.geomspace(least, greatest, 4)[1:3]
-        given = {}
-        for name, distance in distances.items():
+        codes, given = {}, {}
+        for name, distance in (distances | {PATCHED: distances["real"]}).items():
             meant = np.where(distance < first, hard, np.where(distance < last, brake, go))
-            codes = self._answer(np.where(ranks < round(share * len(self.bank)), meant, brake).astype(self._code))
-            given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes] / self._levels.max())
+            codes[name] = self._answer(np.where(ranks < round(share * len(self.bank)), meant, brake).astype(self._code))
+            given[name] = np.where(np.isnan(distance), np.nan, self._levels[codes[name]] / self._levels.max())
         draws = min(self.draws, ALONG_DRAWS)
         earned = (
             DEPTH.ruling(
-                SimulatedStatistics(replace(shown, levels={name: levels[draw] for name, levels in given.items()}))
+                SimulatedStatistics(
+                    replace(shown, levels={name: levels[draw] for name, levels in given.items()}),
+                    self._of_pictures({name: code[draw] for name, code in codes.items()}),
+                )
             )
             is not None
             for draw in range(draws)
         )
         return sum(earned) / draws
+
+    def _of_pictures(self, codes: Mapping[str, Codes]) -> dict[str, Statistic]:
+        """Return what depth reads besides where control pictures are not rendered, of one model's answers."""
+        bank = self.bank.manifest
+        if bank.provenance == "rendered":
+            return {}
+        asked = (name for name in ("real", "real_repeat", PATCHED) if self._shown(name).any())
+        decisions = {
+            name: tuple(
+                Decision(self.space.actions[code]) if there else None
+                for code, there in zip(codes[name], self._shown(name), strict=True)
+            )
+            for name in asked
+        }
+        gap = None if "episode" in bank.absent and not bank.independent else bank.gap
+        answers = Answers("", self.bank.frames, self.space, gap, decisions, made=bank.provenance)
+        tests = CalibratedTests(answers, Resampling(resamples=RESAMPLES), bank.independent).tests()
+        found = {name: tests[name]() for name in OF_PICTURES if name in tests and name != "patched_bound"}
+        if isinstance(one := found.get("patched_excess"), ChangedPairs) and 0 < one.n <= EXACT_UP_TO:
+            high = MARGIN / 2 if is_bounded(one.b, one.c, one.n, MARGIN, alpha=ALPHA) else 1.0
+            return found | {"patched_bound": Statistic(one.value, one.n, (-1.0, high))}  # its side of the margin alone
+        return found | ({"patched_bound": tests["patched_bound"]()} if "patched_bound" in tests else {})
 
 
 def _distances(levels: BrakingLevels) -> dict[str, Levels]:
@@ -276,13 +307,14 @@ def _distances(levels: BrakingLevels) -> dict[str, Levels]:
 class SimulatedStatistics(dict[str, Statistic]):
     """The depth statistics of drawn answers, each computed when a rule reads it."""
 
-    def __init__(self, moved: BrakingLevels) -> None:
+    def __init__(self, moved: BrakingLevels, of_pictures: Mapping[str, Statistic]) -> None:
         near, far = moved.level("lead_near"), moved.level("lead_far")
         both = ~np.isnan(near + far)
         super().__init__(
             depth_interventional=sign_test(near[both], far[both]),
             unparsed_controls=Statistic(0.0, 1, (0.0, 0.0)),
             **dict.fromkeys(("depth_net", "lane_net"), Statistic(None, 0)),
+            **of_pictures,
         )
         self._tests = moved.tests()
 

@@ -9,7 +9,7 @@ from eyechart.integrity import Guard
 from eyechart.report.accounts import deployment_tables
 from eyechart.report.charts import Drawing
 from eyechart.report.page import Page, fill
-from eyechart.report.table import Column, level, number, p_value
+from eyechart.report.table import Column, level, p_value
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import MISSING
 from eyechart.stats.evalues import EValue
@@ -30,6 +30,7 @@ from eyechart.studies.battery.tables import (
     verdict_table,
 )
 from eyechart.verdicts import LABELS, StoppingPoint, shared_notes
+from eyechart.verdicts.ruling import number as value_of
 
 MODELS_DRAWN = 24
 """The most models with figures of their own in the page."""
@@ -157,7 +158,7 @@ def _numbers(statistic: Statistic, stopped: StoppingPoint | None) -> list[tuple[
             ("calls", calls),
         ]
     interval = (f"{level(statistic)} interval".strip(), Column("", "interval").shown(statistic.ci))
-    return [("value", number(statistic.value)), interval, ("n", str(statistic.n)), ("p", p_value(statistic.p))]
+    return [("value", value_of(statistic)), interval, ("n", str(statistic.n)), ("p", p_value(statistic.p))]
 
 
 def _run(run: Evidence) -> dict[str, object]:

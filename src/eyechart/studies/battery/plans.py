@@ -24,20 +24,19 @@ from eyechart.conditions import (
     of_bank,
     of_one_instant,
     require_camera,
+    require_corruptible,
     require_partners,
     show,
 )
 from eyechart.costs import CostEstimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError, counted, raising, suggestion
 from eyechart.event_loops import make_calls
-from eyechart.frames import IMPORTED, FrameBank, check, open_bank, whole_folder
+from eyechart.frames import AS_STORED, ENCODINGS, IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
 from eyechart.manifest import (
     CONTROLS_ASKED,
     LEDGER,
-    PNG_2,
-    STORED,
     RunManifest,
     alone_in,
     asked_of,
@@ -60,7 +59,7 @@ from eyechart.studies.battery.early_stop import NEEDED, EarlyStop, layout_for, t
 from eyechart.studies.battery.early_stop import Progress as HowFar
 from eyechart.studies.battery.evidence import NEAR_FAR
 from eyechart.studies.battery.requests import require_requests
-from eyechart.studies.battery.series import OTHERS
+from eyechart.studies.battery.series import OTHERS, every_step
 from eyechart.studies.battery.stages import AdaptiveStages, ControlProgress, staged, stages_of, widest
 from eyechart.verdicts import GUARANTEE, VALIDITY
 
@@ -388,6 +387,7 @@ def planned(
         series=extent.series,
     )
     _require_series(manifest.series, chosen)
+    require_corruptible((*chosen, *every_step(manifest.series)), bank)
     manifest = manifest if out is None else resume_manifest(out, manifest, bank)
     bank = asked_of(bank, formulation, manifest.reader)
     the_plan = plan_of(manifest, bank, models=tuple(who), conditions=chosen, limit=extent.limit)
@@ -515,7 +515,7 @@ def plan_of(
     chosen = tuple(bank.frame(name) for name in manifest.frames)
     found = Plan(
         study=manifest.study,
-        bank=replace(bank, plain=manifest.encoding != STORED, stores_noise=manifest.encoding == PNG_2),
+        bank=replace(bank, plain=manifest.encoding != AS_STORED, encoding=ENCODINGS[manifest.encoding]),
         prompt=manifest.prompt,
         models=tuple(manifest.models if models is None else models),
         conditions=tuple(conditions or manifest.conditions),
@@ -626,7 +626,14 @@ def _whole(shards: Sequence[Path]) -> tuple[RunManifest, FrameBank]:
     manifests, bank = [manifest for manifest, _ in read], read[0][1]
     whole = replace(manifests[0], shard=None)
     for shard, (manifest, its_bank) in zip(shards, read, strict=True):
-        if its_bank.manifest.images != bank.manifest.images and manifest.fingerprint == whole.fingerprint:
+        made, own = (one.manifest.made for one in (bank, its_bank))
+        if made and own and made != own:
+            raise LedgerError(
+                f"the control pictures are {own} by the run in {shard}, and {made} by that in {shards[0]}: say which "
+                "with 'eyechart frames declare' and all of these folders"
+            )
+        bank = bank if made else its_bank
+        if its_bank.manifest.images != read[0][1].manifest.images and manifest.fingerprint == whole.fingerprint:
             raise LedgerError(f"{shard} is no part of the run in {shards[0]}: it was run on other pictures")
         with raising(LedgerError, f"{shard} is no part of the run in {shards[0]}", of=LedgerError):
             whole = whole.extended(replace(manifest, shard=None))

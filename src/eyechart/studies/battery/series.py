@@ -10,13 +10,14 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eyechart.calls import CallKey, Reply
 from eyechart.conditions import OVER, corruption_of
 from eyechart.corruptions import CORRUPTIONS, STEPS, step_of
 from eyechart.errors import require_known
 from eyechart.spaces.failures import says_cannot_see
-from eyechart.stats.jackknife import mean_of_frames
+from eyechart.stats.jackknife import FEW, mean_of_frames
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers, Floats
 from eyechart.studies.battery.evidence import NEAR_FAR
@@ -95,11 +96,15 @@ def effect_at(answers: Answers, step: str = "", said: StepReplies | None = None)
     """Return the effect at a step such as ``fog_3``; in clean pictures without one."""
     at = f"{OVER}{step}" if step else ""
     if _moves_lead(answers):
-        near, far = (_levels(answers, f"{name}{at}") for name in NEAR_FAR)
+        pictures = tuple(f"{name}{at}" for name in NEAR_FAR)
+        near, far = (_levels(answers, name) for name in pictures)
         scores, what = np.sign(near - far), "braking harder for the near lead, less for the far one"
     else:
-        again, other = (_differs(answers, step or "real", f"{name}{at}") for name in OTHERS)
+        pictures = (step or "real", *(f"{name}{at}" for name in OTHERS))
+        again, other = (_differs(answers, pictures[0], name) for name in pictures[1:])
         scores, what = other - again, "another answer to another frame's picture, less those to the same picture"
+    # A reply without an action shows no effect: frames that it still sees are not all frames.
+    scores = np.where(np.isnan(scores) & _came(answers, pictures), 0.0, scores)
     found, number = mean_of_frames(scores, answers.episodes, level=LEVEL), step_of(step)
     unseeing, replies = (said or {}).get(step, (0, 0))
     return StepEffect(
@@ -126,6 +131,15 @@ def _differs(answers: Answers, one: str, other: str) -> Floats:
     found = np.full(len(answers.frames), np.nan)
     found[have] = apart > 0
     return found
+
+
+def _came(answers: Answers, conditions: Iterable[str]) -> NDArray[np.bool_]:
+    """Return the frames on which every condition has a reply, with an action or without one."""
+    came = np.ones(len(answers.frames), dtype=bool)
+    for name in conditions:
+        column = answers.decisions.get(name, (None,) * len(came))
+        came &= np.array([one is not None and one.missing != "error" for one in column], dtype=bool)
+    return came
 
 
 def unseeing(replies: Iterable[tuple[CallKey, Reply]]) -> StepReplies:
@@ -165,26 +179,30 @@ def next_steps(answers: Answers, series: Sequence[str]) -> tuple[str, ...]:
     """
     if not series or effect_at(answers).holds is not True:
         return ()
-    steps = (_middle(*_between(answers, name)) for name in series)
+    asked = _asked(answers)
+    found = {name: {int(one[-1]): effect_at(answers, one) for one in asked if one[:-2] == name} for name in series}
+    steps = {name: _bisected(effects)[2] for name, effects in found.items()}
     return tuple(
         condition
-        for name, step in zip(series, steps, strict=True)
-        if step is not None
+        for name, step in steps.items()
+        if step is not None and step not in found[name]
         for condition in pictures_at(f"{name}_{step}", answers)
     )
 
 
-def _between(answers: Answers, name: str) -> tuple[int, int]:
-    """Return the greatest step that is known to hold, 0 for clean, and the least that does not."""
-    low, high, asked = 0, len(STEPS) + 1, set(_asked(answers))
-    while (step := _middle(low, high)) is not None and f"{name}_{step}" in asked:
-        low, high = (step, high) if effect_at(answers, f"{name}_{step}").holds else (low, step)
-    return low, high
+def _bisected(effects: Mapping[int, StepEffect]) -> tuple[int, int, int | None]:
+    """Return the greatest step that is known to hold, the least that does not, and the one that decides next.
 
-
-def _middle(low: int, high: int) -> int | None:
-    """Return the step between the two; None where they are neighbours."""
-    return None if high - low < 2 else (low + high) // 2
+    The first is 0 for clean pictures. The last is None at the end; its effect may be there, and
+    have no interval.
+    """
+    low, high = 0, len(STEPS) + 1
+    while high - low > 1:
+        step = (low + high) // 2
+        if (at := effects.get(step)) is None or at.holds is None:
+            return low, high, step
+        low, high = (step, high) if at.holds else (low, step)
+    return low, high, None
 
 
 def most_left(answers: Answers, series: Sequence[str], asked: Collection[str]) -> tuple[str, ...]:
@@ -203,21 +221,22 @@ def most_left(answers: Answers, series: Sequence[str], asked: Collection[str]) -
 class SeriesResult:
     """How far down the effect holds under a corruption.
 
-    ``reached`` is the greatest step at which it is shown, 0 for none, and None where the series has
-    not ended or cannot say. ``shown`` is the effect there, ``lost`` that at the least step without.
+    ``reached`` is the greatest step at which it is shown, 0 for none, and None where that is not
+    known, with ``why``. ``shown`` is the effect there, ``lost`` that at the least step without.
     """
 
     name: str
     reached: int | None
     shown: StepEffect | None
     lost: StepEffect | None
+    why: str = ""
 
     @property
     def words(self) -> str:
         """Return the result in words, such as "sees to fog 3 of 5"."""
         what = CORRUPTIONS[self.name].words
         if self.reached is None:
-            return f"{what}: not finished"
+            return f"{what}: {self.why}"
         if self.reached == 0:
             return f"not shown in the mildest {what}"
         return f"sees to {what} {self.reached} of {len(STEPS)}"
@@ -230,13 +249,18 @@ def results(statistics: Mapping[str, Statistic]) -> tuple[SeriesResult, ...]:
         step = step_of(name.removeprefix(f"{SERIES}."))
         if step is not None and isinstance(one := statistics[name], StepEffect):
             found.setdefault(step[0].name, {})[step[1]] = one
-    return tuple(_result(name, found[name]) for name in CORRUPTIONS if name in found)
+    clean = statistics.get(CLEAN)
+    seen = clean.holds if isinstance(clean, StepEffect) else None
+    return tuple(_result(name, found[name], seen=seen) for name in CORRUPTIONS if name in found)
 
 
-def _result(name: str, steps: Mapping[int, StepEffect]) -> SeriesResult:
-    low, high = 0, len(STEPS) + 1
-    while (step := _middle(low, high)) in steps:
-        assert step is not None
-        low, high = (step, high) if steps[step].holds else (low, step)
-    ended = _middle(low, high) is None
-    return SeriesResult(name, low if ended else None, steps.get(low), steps.get(high))
+def _result(name: str, steps: Mapping[int, StepEffect], *, seen: bool | None) -> SeriesResult:
+    """Return the result of one series; ``seen`` says whether the effect holds in clean pictures."""
+    low, high, open_ = _bisected(steps)
+    if seen is False:
+        return SeriesResult(name, None, None, None, "no effect is shown in clean pictures")
+    if open_ is None and seen:
+        return SeriesResult(name, low, steps.get(low), steps.get(high))
+    at = None if open_ is None else steps.get(open_)
+    why = "not finished" if at is None and seen else f"cannot say: {FEW}"
+    return SeriesResult(name, None, steps.get(low), at or steps.get(high), why)

@@ -106,10 +106,10 @@ def asked_of_model(
     *,
     series: Sequence[str] = (),
 ) -> ControlProgress:
-    """Return a model's controls, out of those that it ``may`` have, from its answers.
+    """Return the controls that a model's replies call for, out of those that it ``may`` have.
 
-    ``series`` follow when no control is left. ``begun`` are controls and steps that its finished
-    answers called for already; they are not derived again.
+    The ``series`` of corruptions follow when no control is left. ``begun`` are the controls and
+    steps that earlier answers called for; they are kept, and not worked out again.
     """
     if not may and not series:
         return ControlProgress(ended=True)

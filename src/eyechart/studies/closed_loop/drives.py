@@ -37,9 +37,10 @@ UNDECIDED = 0.5
 
 @dataclass(frozen=True, slots=True, order=True)
 class Driver(JsonRecord):
-    """A policy in a simulator, under a condition, in a run; a single run has no name.
+    """A policy that drives in a simulator, under a condition, in a run.
 
-    The run's name is ``needed`` in the label where the policy drove in several runs.
+    ``run`` is empty if there is only one run. If the policy drove in several, the run's name is
+    ``needed`` in its label.
     """
 
     simulator: str

@@ -205,9 +205,7 @@ def require_both(table: VoteTable) -> None:
     """Raise GuardianError unless a table has hazardous and clear frames."""
     hazards = int(table.hazard.sum())
     if not 0 < hazards < len(table.frames):
-        raise GuardianError(
-            f"{table.name}: {hazards} of {len(table.frames)} frames are hazardous; hazardous and clear ones are needed"
-        )
+        raise GuardianError(f"{table.name}: {hazards} of {len(table.frames)} frames are hazardous; it needs both kinds")
 
 
 def answered(votes: npt.NDArray[np.int8], threshold: int, point: Point) -> npt.NDArray[np.int64]:

@@ -13,19 +13,24 @@ from eyechart.verdicts.share_predicates import ALPHA, USED, ShareStatistics, is_
 
 
 class Advice(NamedTuple):
-    """What to ``do``, and an optional second clause; as text it is one sentence."""
+    """What to ``do``, and an optional second clause; as text it is one sentence.
+
+    ``is_of_the_road`` says that the doctor answers it, and no frame or condition does.
+    """
 
     do: str
     besides: str = ""
+    is_of_the_road: bool = False
 
     def __str__(self) -> str:
-        return f"{'; '.join(filter(None, self))}."
+        return f"{'; '.join(filter(None, self[:2]))}."
 
 
 SETTLE = Advice("ask more episodes", "'eyechart plan {bank}' says how often so many settle it")
 ASK_ROAD = Advice(
     "ask 'eyechart doctor SPEC --frames {bank}' whether {what} reaches it",
     "if the policy must not read it, declare the channels that it reads",
+    is_of_the_road=True,
 )
 """Advice for a channel that changes no bit of any answer."""
 IN_WORDS = {CAMERAS: "its picture", STATE: "its state", INSTRUCTION: "its instruction"}
@@ -41,7 +46,8 @@ def settling(score: PolicyScore, spec: str, channel: str) -> Advice:
 
 
 def _of(advice: Advice, score: PolicyScore, channel: str) -> Advice:
-    return Advice(*(named(one, score, channel) for one in advice))
+    do, besides = (named(one, score, channel) for one in (advice.do, advice.besides))
+    return advice._replace(do=do, besides=besides)
 
 
 def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:

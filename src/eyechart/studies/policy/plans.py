@@ -10,7 +10,7 @@ import numpy as np
 
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.channels import INSTRUCTION, STATE, TOLD, channels_of, require_history, require_inputs
-from eyechart.conditions import FROZEN, NO_HISTORY, OVER, PARTNERS, find_condition, show
+from eyechart.conditions import FROZEN, NO_HISTORY, OVER, PARTNERS, find_condition, require_corruptible, show
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.costs import CostEstimate
 from eyechart.errors import BankError, SpecError, did_you_mean
@@ -156,6 +156,7 @@ def plan(
     formulation = _prompt_for(bank, opened, prompt, out)
     supplied, left_out = shown_conditions(bank, formulation)
     asked = _conditions_asked(bank, formulation, conditions or supplied, shapley=extent.shapley)
+    require_corruptible(asked, bank)
     bank = asked_of(bank, formulation)
     require_pictured(formulation, show("real", bank.frames[0], bank, seed))
     manifest = RunManifest.begun(
