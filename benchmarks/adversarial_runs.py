@@ -217,8 +217,8 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
     while wanted:
         asking.ask(wanted, may)
         asked += wanted
-        calibratedstatistics = LazyStatistics(CalibratedTests(asking.answers(chance), how).tests())
-        wanted = list(verdicts.controls_wanted(calibratedstatistics, supplied=supplied, asked=asked))
+        statistics = LazyStatistics(CalibratedTests(asking.answers(chance), how).tests())
+        wanted = list(verdicts.controls_wanted(statistics, supplied=supplied, asked=asked))
     answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
     lateral = verdicts.lateral_rules(statistics, answers.directions())

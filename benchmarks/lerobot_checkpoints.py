@@ -276,22 +276,34 @@ def policy_of(kind: str) -> tuple[dict[str, Any], list[str]]:
     return found, amiss
 
 
+def sets_of() -> tuple[dict[str, Any], list[str]]:
+    """Return what is found of each data set, and what of it is not as it was written."""
+    found = {
+        name: kept(f"set {place}", lambda name=name, place=place: lerobot_sets.compare(name, CACHE / f"set-{place}"))
+        for place, name in enumerate(lerobot_sets.SETS)
+    }
+    return found, [line for one in found.values() for line in one.pop("amiss")]
+
+
+def write(sets: dict[str, Any], policies: dict[str, Any], amiss: list[str]) -> None:
+    """Write what there is so far; ``left`` names the policies that are not finished."""
+    found = {**act_tabletop.about(), "left": [kind for kind in KINDS if kind not in policies]}
+    RESULT.write_text(json.dumps({**found, "sets": sets, "policies": policies, "amiss": amiss}, indent=1) + "\n")
+
+
 def main() -> int:
-    """Make the rows that are missing, and write the result; returns the exit code."""
+    """Make the rows that are missing, and write the result after each policy; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.parse_args()
     CACHE.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("EYECHART_LEROBOT_PYTHON", sys.executable)
-    sets = {
-        name: kept(f"set {place}", lambda name=name, place=place: lerobot_sets.compare(name, CACHE / f"set-{place}"))
-        for place, name in enumerate(lerobot_sets.SETS)
-    }
-    policies, amiss = {}, [line for one in sets.values() for line in one.pop("amiss")]
+    policies: dict[str, Any] = {}
+    sets, amiss = sets_of()
+    write(sets, policies, amiss)
     for kind in KINDS:
         policies[kind], wrong = policy_of(kind)
         amiss += wrong
-    found = {**act_tabletop.about(), "sets": sets, "policies": policies, "amiss": amiss}
-    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+        write(sets, policies, amiss)
     sys.stdout.write("\n".join([*amiss, f"wrote {RESULT}"]) + "\n")
     return int(bool(amiss))
 

@@ -110,8 +110,8 @@ def labels(cell: Cell, first: int, draws: int) -> int:
             given = [(code + step * slip) % count for code, step, slip in zip(codes, other, slipped, strict=True)]
             decisions[name] = tuple(Decision(DRIVING.actions[code]) for code in given)
         answers = sampled(Answers("drawn", bank.frames, DRIVING, None, decisions), number)
-        calibratedstatistics = LazyStatistics(CalibratedTests(answers, Resampling(499, number, intervals=False)).tests())
-        label = calibrated_rules(calibratedstatistics, turns=False)[0].label
+        statistics = LazyStatistics(CalibratedTests(answers, Resampling(499, number, intervals=False)).tests())
+        label = calibrated_rules(statistics, turns=False)[0].label
         hits += label == cell.kind.partition("@")[0]
     return hits
 

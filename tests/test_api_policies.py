@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import shutil
 from functools import partial
 from pathlib import Path
 
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import banks
 from arms import deaf, middle, queue, reach
-from eyechart.api import PolicyReport, examine_policy, read_policies, run_policies
+from eyechart.api import PolicyReport, examine_policy, read_policies, run_battery, run_policies
 from eyechart.cli.app import app
 from eyechart.errors import EyechartError, LedgerError, SpecError
 from eyechart.frames import FrameBank
@@ -167,3 +169,34 @@ def test_who_never_answers_with_a_motion_is_set_aside_with_a_warning(bank: Frame
         found = run_policies(bank, {"batched": batched}, tmp_path / "run")
     assert "not_scorable" in found["python:batched"].guards
     assert found.score.models["python:batched"].answered == 10
+
+
+def test_a_run_whose_folder_is_moved_under_it_says_so_and_is_whole_at_its_new_place(
+    bank: FrameBank, tmp_path: Path
+) -> None:
+    """Of policies as of a battery: no finished call is asked again there, and a removed one is not said to be done."""
+    calls: list[str] = []
+
+    def moving(name: str) -> None:
+        calls.append(name)
+        if len(calls) == 3:
+            (tmp_path / "run").rename(tmp_path / "elsewhere")
+
+    def act(images: dict[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+        moving("policy")
+        return reach(images, state, instruction)
+
+    def say(prompt: str, image: bytes | None) -> str:
+        del prompt, image
+        moving("controller")
+        return "STOP"
+
+    roads, shown = banks.build_bank(tmp_path / "roads"), {"conditions": ["real", "blank"]}
+    for ask, frames, who in ((run_policies, bank, act), (partial(run_battery, controls="none"), roads, say)):
+        with pytest.raises(LedgerError, match=r"was moved or removed while it was written\..* as out to resume it"):
+            ask(frames, {"mine": who}, tmp_path / "run", **shown)  # type: ignore[operator]
+        known = len(calls)
+        ask(frames, {"mine": who}, tmp_path / "elsewhere", **shown)  # type: ignore[operator]
+        assert len(calls) == known > 3
+        shutil.rmtree(tmp_path / "elsewhere")
+        calls.clear()

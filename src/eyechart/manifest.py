@@ -461,17 +461,23 @@ def _take_added(copy: Path, bank: FrameBank) -> None:
 def alone_in(out: Path) -> Iterator[None]:
     """Hold a run's folder, which is made if missing (for a link, its target).
 
-    Raises LedgerError if another process holds it, it cannot be made, or its ledger cannot be
-    written.
+    Raises LedgerError if another process holds it, it cannot be made, its ledger cannot be written,
+    or it is another folder at the end, because it was moved or removed.
     """
     with raising(LedgerError, f"{out} cannot be made", "; choose another --out"):
         Path(os.path.realpath(out)).mkdir(parents=True, exist_ok=True)
+    begun = out.stat()
     taken = LedgerError(f"another process is writing to {out}; wait for it, or choose another --out")
     try:
         with locked(out / ".lock", taken):
             yield
     except sqlite3.Error as error:
         raise LedgerError(f"{out / LEDGER} cannot be written: {why(error)}; the same command resumes") from error
+    if not out.is_dir() or not os.path.samestat(begun, out.stat()):
+        raise LedgerError(
+            f"{out} was moved or removed while it was written. If it was moved, it is whole at its new place: give "
+            "that as --out to resume it"
+        )
 
 
 def is_run(path: Path) -> bool:

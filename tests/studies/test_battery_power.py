@@ -251,7 +251,7 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
         return "STOP" if gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
 
     frames = simulated.frames()
-    calibratedstatistics = LazyStatistics(
+    statistics = LazyStatistics(
         CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99)).tests()
     )
     read = set[str]()
@@ -259,16 +259,16 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
     class Read(Mapping[str, Statistic]):
         def __getitem__(self, name: str) -> Statistic:
             read.add(name)
-            return calibratedstatistics[name]
+            return statistics[name]
 
         def __iter__(self) -> Iterator[str]:
-            return iter(calibratedstatistics)
+            return iter(statistics)
 
         def __len__(self) -> int:
-            return len(calibratedstatistics)
+            return len(statistics)
 
     assert calibrated_rules(Read(), turns=False)[0].label == kind
     named = {name.partition(" ")[0] for name in LEFT_OUT}
     left = {name for name in read - DRAWN if not name.startswith("content_nudged_")}  # as content is, and after it
     assert left <= named
-    assert named - DRAWN <= {*calibratedstatistics}
+    assert named - DRAWN <= {*statistics}

@@ -224,7 +224,8 @@ def _reached(ruling: Ruling, reaches: Ruling, alone: str, *, unread: bool) -> Ax
     """Return a ruling in words; a sentence says if the channel may not be connected.
 
     The sentence stands behind an absence, which is true either way, and before the reason of an
-    open axis. A channel that the policy declares to leave ``unread`` has none.
+    open axis. A channel that the policy declares to leave ``unread`` has none; that it uses one
+    such contradicts what it declares.
     """
     absent, said = USES[ruling.label].is_absence, [ruling.reason]
     still = reaches.label != HOLDS and (absent or ruling.label == "undecided")
@@ -232,6 +233,8 @@ def _reached(ruling: Ruling, reaches: Ruling, alone: str, *, unread: bool) -> Ax
         said.insert(len(said) if absent else 0, reaches.reason)
     elif still and absent:
         said[-1] += "; it declares that it does not read it"
+    elif unread and not absent and ruling.label != "undecided":
+        said[-1] += "; it declares that it does not read it, which its answers contradict: let it declare that it does"
     if alone:
         said[-1] += f"; {alone}"
     return replace(judged(ruling, *said), may_be_unconnected=still and not unread)
