@@ -255,30 +255,6 @@ def test_an_older_ledger_is_read_and_not_written(tmp_path: Path, version: int) -
     assert {name: text for name, text in files(tmp_path).items() if "merged" not in name} == before
 
 
-def test_requests_are_those_of_the_attempts_each_once(path: Path) -> None:
-    """With the first call of their frame and condition, in the order of sending; an empty digest asks nothing."""
-    again, blank, other = KEY._replace(repeat=1), KEY._replace(condition="blank"), KEY._replace(model="standin:other")
-    sent = (
-        (OTHER, "b"),
-        (KEY, "a"),
-        (again, "a"),
-        (again, "c"),
-        (blank, "a"),
-        (other, "d"),
-        (OTHER._replace(repeat=2), ""),
-    )
-    with Ledger(path, create=True) as ledger:
-        for key, digest in sent:
-            ledger.begin(key, digest)
-    with Ledger(path) as ledger:
-        found, seen = list(ledger.requests(MODEL)), dict[tuple[str, str, str], CallKey]()
-        for one in ledger.attempts(MODEL):
-            if one.request_sha256:
-                seen.setdefault((one.key.condition, one.key.frame, one.request_sha256), one.key)
-    assert found == [(key, digest) for (_, _, digest), key in seen.items()]
-    assert found == [(OTHER, "b"), (KEY, "a"), (again, "c"), (blank, "a")]
-
-
 def test_a_ledger_of_format_2_grows_in_a_run_with_a_copy_of_the_old_one_beside_it(tmp_path: Path) -> None:
     """The copy reads as before; the ledger has today's schema, all of its rows, and a checksum on what is new."""
     path = tmp_path / "ledger.sqlite"

@@ -339,21 +339,6 @@ class Ledger:
             self.take()
         return read_columns(self._sql, read, by_frame=by_frame, check=False)
 
-    def requests(self, model: str) -> Iterator[tuple[CallKey, str]]:
-        """Yield each distinct request of a model's calls by its digest, in the order of sending.
-
-        It comes with the first call of its frame and condition; an attempt without a digest is left
-        out.
-        """
-        rows = self._sql.execute(
-            f"SELECT {KEY_OF_CALL}, a.request_sha256, min(a.id) AS sent FROM attempts a JOIN calls c ON c.id = a.call "
-            "WHERE c.model = ? AND a.request_sha256 != '' GROUP BY c.condition, c.frame, a.request_sha256 "
-            "ORDER BY sent",
-            (model,),
-        )
-        for *key, digest, _ in rows:
-            yield CallKey(*key), digest
-
     def take(self) -> None:
         """Accept this file's content, although damaged, for every later read."""
         if self._digest is not None:
