@@ -201,7 +201,7 @@ def test_a_worker_that_no_node_has_a_place_for_hangs_no_call(monkeypatch: pytest
     reply = asyncio.run(without.answer(query))
     assert (reply.error, "no node of the cluster opened" in (reply.error_detail or "")) == ("missing_model", True)
     without.end()
-    held._actors[0] = without._new()  # noqa: SLF001 - a worker whose node is gone
+    held._actors[0] = without._new()
     before = time.monotonic()
     assert [asyncio.run(held.answer(query)).error for _ in range(4)] == [None] * 4
     assert time.monotonic() - before < 3.0
