@@ -25,7 +25,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-ray long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -78,6 +78,7 @@ help:
 	@echo "make long-demo    processor time of the demo in 0.1.0 and in this version, in pairs, and its verdicts on five seeds"
 	@echo "make long-reading processor time of the commands that read a run, against a hello-world with numpy"
 	@echo "make long-growth  processor time and memory of verdict and costs over frames, models and calls, with exponents"
+	@echo "make long-ray     ten minutes of work in one process and over two workers of Ray: processor time, rows, verdict"
 	@echo "make long-speed   processor time of commands in 0.1.0 and in this version, in pairs"
 
 demo: $(CORE)
@@ -178,6 +179,9 @@ long-compare: $(CORE) $(OLD_PYTHON)
 
 long-reading: $(CORE)
 	$(BIN)/python benchmarks/bench_reading.py --json benchmarks/results/reading.json
+
+long-ray: $(MODELS)
+	$(BIN)/python benchmarks/ray_workers.py
 
 long-growth: $(CORE)
 	$(BIN)/python benchmarks/growth.py

@@ -45,7 +45,7 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies import battery
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
@@ -217,8 +217,8 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
     while wanted:
         asking.ask(wanted, may)
         asked += wanted
-        calibratedstatistics = CalibratedStatistics(CalibratedTests(asking.answers(chance), how))
-        wanted = list(verdicts.controls_wanted(calibratedstatistics, supplied=supplied, asked=asked))
+        statistics = LazyStatistics(CalibratedTests(asking.answers(chance), how).tests())
+        wanted = list(verdicts.controls_wanted(statistics, supplied=supplied, asked=asked))
     answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
     lateral = verdicts.lateral_rules(statistics, answers.directions())

@@ -4,10 +4,11 @@
     python benchmarks/edited_banks.py --sizes 60
 
 Moments of the rover and of the drone are rendered and annotated: true masks, distances, horizon and vanishing column.
-`edits` makes their control pictures; the worlds render the same ones, the lead and its copy at the same places. Fifteen
-controllers that read pixels answer both banks. Reported beside the labels: how far the independent reader finds edited
-leads from where they are said to be, how often a filled hole is read as an obstacle, how many answers are equal, and
-what was refused.
+`edits` makes their control pictures; the worlds render the same ones, the lead and its copy at the same places.
+Fifteen controllers that read pixels answer both banks. Readers of distance also answer the world's own bank of as
+many frames, in which nothing is refused: who has depth there, and what takes it away. Reported beside the labels: how
+far the independent reader finds edited leads from where they are said to be, how often a filled hole is read as an
+obstacle, how many answers are equal, and what was refused.
 
 Writes ``benchmarks/results/edits.json``; exit 1 where a reader of distance has another label on the edited bank, or a
 bound of the tests does not hold.
@@ -20,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,11 +36,15 @@ import eyechart  # noqa: E402
 from edited_worlds import LEADS, Pair  # noqa: E402
 from eyechart.frames import FrameBank  # noqa: E402
 from eyechart.importing import Choices, import_table  # noqa: E402
+from eyechart.simulators import open_bank_simulator  # noqa: E402
+from eyechart.simulators.road.layout import FAMILIES  # noqa: E402
 from eyechart.studies import battery  # noqa: E402
 from eyechart.verdicts import judge  # noqa: E402
 
 RESULT = ROOT / "benchmarks" / "results" / "edits.json"
 CHOICES = Choices(threshold=8.0, unit="m", mirror="horizontal")
+SEEDS = (0, 1, 2)
+"""The seeds of the moments."""
 MEDIAN, NINETIETH, GHOSTS, EQUAL = 0.02, 0.05, 0.01, 0.98
 """The bounds: error of the gap, share of holes that are read as an obstacle, share of equal answers."""
 
@@ -76,11 +82,27 @@ def ghosts_of(pair: Pair) -> dict[str, int]:
     return {"n": count, "read otherwise": wrong}
 
 
-def labels_of(bank: FrameBank, run: Path) -> dict[str, str]:
-    """Return the label of every controller on a bank."""
-    specs = [f"python:edited_controllers:{name}" for name in edited_controllers.CONTROLLERS]
+def labels_of(bank: FrameBank, run: Path, names: Iterable[str] = edited_controllers.CONTROLLERS) -> dict[str, str]:
+    """Return the label of controllers on a bank."""
+    specs = [f"python:edited_controllers:{name}" for name in names]
     battery.run(battery.plan(bank.root, specs, run))
     return {spec.rpartition(":")[2]: one.calibrated.label for spec, one in judge(battery.score(run)).items()}
+
+
+def whole_labels(world: str, size: int, work: Path) -> dict[str, str]:
+    """Return the labels of the readers where nothing is refused: on the world's own bank, of as many episodes."""
+    bank = open_bank_simulator(world).build(work / "whole", seeds=SEEDS, steps=size // (len(SEEDS) * len(FAMILIES)))
+    return labels_of(bank, work / "run whole", edited_controllers.READERS)
+
+
+def lost_by(labels: dict[str, dict[str, str]], whole: dict[str, str]) -> dict[str, str]:
+    """Return what takes depth from a reader that has it where nothing is refused, by its name."""
+    found = {}
+    for name, label in whole.items():
+        if label == "depth" != labels[name]["edited"]:
+            by_edit = labels[name]["rendered"] == "depth"
+            found[name] = "the clauses on an edit" if by_edit else "refused pictures: rendered ones lack it too"
+    return found
 
 
 def equal_answers(banks: dict[str, FrameBank]) -> dict[str, float]:
@@ -111,6 +133,7 @@ def measured(world: str, size: int, work: Path) -> dict[str, object]:
         for folder, table in zip((pair.edited, pair.rendered), pair.tables, strict=True)
     }
     labels = {kind: labels_of(bank, work / f"run {kind}") for kind, bank in banks.items()}
+    whole = whole_labels(world, size, work)
     table = {
         name: {kind: labels[kind][name] for kind in ("rendered", "edited")} for name in edited_controllers.CONTROLLERS
     }
@@ -122,6 +145,8 @@ def measured(world: str, size: int, work: Path) -> dict[str, object]:
         "holes": ghosts_of(pair),
         "answers": equal_answers(banks),
         "labels": table,
+        "whole": whole,
+        "depth is lost by": lost_by(table, whole),
         "agree": sum(one["rendered"] == one["edited"] for one in table.values()),
         "of": len(table),
         "processor s": round(time.process_time() - begun, 1),

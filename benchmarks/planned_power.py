@@ -24,7 +24,7 @@ from eyechart.processes import open_pool
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.odds import READS, odds_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
@@ -110,8 +110,8 @@ def labels(cell: Cell, first: int, draws: int) -> int:
             given = [(code + step * slip) % count for code, step, slip in zip(codes, other, slipped, strict=True)]
             decisions[name] = tuple(Decision(DRIVING.actions[code]) for code in given)
         answers = sampled(Answers("drawn", bank.frames, DRIVING, None, decisions), number)
-        calibratedstatistics = CalibratedStatistics(CalibratedTests(answers, Resampling(499, number, intervals=False)))
-        label = calibrated_rules(calibratedstatistics, turns=False)[0].label
+        statistics = LazyStatistics(CalibratedTests(answers, Resampling(499, number, intervals=False)).tests())
+        label = calibrated_rules(statistics, turns=False)[0].label
         hits += label == cell.kind.partition("@")[0]
     return hits
 

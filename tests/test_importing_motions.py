@@ -237,6 +237,13 @@ def test_changes_have_evidence_of_their_own(name: str, way: str) -> None:
     assert tell(walks, (None,) * walks[0].done.shape[1]).kind == kind
 
 
+@pytest.mark.parametrize("unit", [1e-7, 1.0, 1e9])
+def test_the_evidence_is_the_same_in_every_unit(unit: float) -> None:
+    """Changes in nanometres follow the state as those in metres do."""
+    plain, other = (told(CHANGES * one, STATES * one, (None,) * 3) for one in (1.0, unit))
+    assert (other.kind, other.follows, other.alike) == ("delta", plain.follows, plain.alike)
+
+
 def test_a_rig_whose_kind_the_data_deny_is_warned_of(tmp_path: Path) -> None:
     """Places that a rig takes for changes; the kind that it says is taken all the same."""
     assert not [line for line in taken(imported(tmp_path, rows(tmp_path))) if "kind" in line]

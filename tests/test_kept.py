@@ -8,13 +8,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from banks import build_bank
 from eyechart import cli, kept
+from eyechart.calls import CallKey, Reply, read_in
 from eyechart.errors import SpecError
-from eyechart.ledger import Ledger
+from eyechart.ledger import COLUMNS, Ledger, SentAttempt, columns_of
 from eyechart.ledger.counter import LedgerCount, WrittenCounts, write_counter
+from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery
 from eyechart.studies.battery.study import BatteryStudy
 
@@ -170,7 +173,7 @@ def test_a_reading_that_is_not_whole_or_not_this_user_s_is_read_anew(
         monkeypatch.setenv("HOME", str(tmp_path / "home"))
         kept._key.cache_clear()
     elif how == "too large":
-        monkeypatch.setattr(kept, "_MOST_BYTES", len(content) - 1)
+        monkeypatch.setitem(vars(kept.JSON), "most_bytes", len(content) - 1)
     else:
         file.unlink()
         if how == "a pipe":
@@ -247,8 +250,7 @@ def test_commands_at_once_do_not_harm_one_another(run: Path) -> None:
     answers = {one.communicate(timeout=120)[0] for one in several}
     assert len(answers) == 1
     assert json.loads(answers.pop())["models"]
-    assert [path.name for path in (run / kept.FOLDER).iterdir()] == [path.name for path in readings(run)]
-    assert len(readings(run)) == 1
+    assert sorted(path.suffix for path in (run / kept.FOLDER).iterdir()) == [".columns", ".json"]
 
 
 def test_only_so_many_readings_are_kept(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,3 +278,67 @@ def test_a_picture_elsewhere_that_comes_back_is_compared_again(run: Path, say: S
         assert len(readings(run)) == 2
     finally:
         os.utime(picture, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def test_a_ledger_is_read_once_for_all_commands(run: Path, say: Say, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other commands, settings and prices count the columns that the first one kept; --fresh alone reads anew."""
+    nobody = shutil.copytree(run, run.with_name("nobody"))
+    commands = ("verdict --json", "score --json", "costs --json", "gate --json", "score --all --json")
+    alone = [say(command, nobody, "--fresh")[:2] for command in commands]
+    say("verdict", run)
+
+    def fail(*_: object, **__: object) -> None:
+        raise SpecError("the ledger is read anew")
+
+    monkeypatch.setattr(Ledger, "columns", fail)
+    found = [say(command, run)[:2] for command in commands]
+    assert [(code, out.replace(str(run), "RUN")) for code, out in found] == [
+        (code, out.replace(str(nobody), "RUN")) for code, out in alone
+    ]
+    for command in commands:
+        assert say(command, run, "--fresh")[0] == 2
+
+
+@pytest.mark.parametrize("how", ["cut", "a changed byte"])
+def test_damaged_columns_are_read_anew(how: str, run: Path, say: Say) -> None:
+    """A command that finds them spoiled answers as one that finds none."""
+    first = say("score", run)
+    (columns,) = (run / kept.FOLDER).glob("*.columns")
+    for file in readings(run):
+        file.unlink()
+    columns.write_bytes(SPOILED[how](columns.read_bytes()))
+    assert say("score", run) == first
+
+
+def test_columns_are_read_back_as_they_were() -> None:
+    """Codes, numbers, times, names of servers, reasons and texts; an array that is no number is refused."""
+    key = CallKey("battery", "m", "p", "f0", "real")
+    replies = [
+        Reply("SLOW", "stop", prompt_tokens=7, seconds=0.25, served="a", cost_usd=0.5),
+        Reply("No road.", "length", reasoning="because", seconds=0.5),
+        Reply(error="timeout"),
+        None,
+    ]
+    sent = [
+        SentAttempt(
+            key._replace(frame=f"f{at}", model="mn"[at % 2]), 1, None, reply, f"{at:064x}", final=reply is not None
+        )
+        for at, reply in enumerate(replies)
+    ]
+    made = columns_of(sent, read_in(DRIVING))
+    body = COLUMNS.write(made)
+    assert body is not None
+    back = COLUMNS.read(body)
+    for name, one in vars(back).items():
+        other = getattr(made, name)
+        if isinstance(one, np.ndarray):
+            np.testing.assert_array_equal(one, other)
+        elif name in {"codes", "whole", "real"}:
+            assert one.keys() == other.keys()
+            for column, values in one.items():
+                np.testing.assert_array_equal(values, other[column])
+        elif name != "repeats":
+            assert one == other
+    np.testing.assert_array_equal(back.repeats.text, made.repeats.text)
+    with pytest.raises(ValueError, match="no column of numbers"):
+        COLUMNS.read(body.replace(b'"|b1"', b'"|O1"', 1).replace(b"|O1", b"|O8", 1))

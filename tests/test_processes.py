@@ -17,6 +17,8 @@ ROOT = Path(eyechart.__file__).parent
 BEGIN = ("ProcessPoolExecutor", "Popen", "Process", "Pool", "fork", "forkpty", "posix_spawn", "spawnv")
 """What begins a process."""
 SOON_S = 10.0
+ENDS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+"""How the parent of a process is ended."""
 
 POOL = """
 import os, sys, time
@@ -61,8 +63,10 @@ def is_there(pid: int) -> bool:
         return False
 
 
-def left_after_a_kill(*words: object, lines: int = 0, workers: int = 0) -> list[int]:
-    """Start a program, kill it once it printed numbers of processes or has workers, and return who remains."""
+def left_after_a_kill(
+    *words: object, lines: int = 0, workers: int = 0, how: signal.Signals = signal.SIGKILL
+) -> list[int]:
+    """Start a program, end it once it printed numbers of processes or has workers, and return who remains."""
     command = [sys.executable, *map(str, words)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True, stderr=subprocess.DEVNULL) as parent:
         assert parent.stdout is not None
@@ -71,9 +75,11 @@ def left_after_a_kill(*words: object, lines: int = 0, workers: int = 0) -> list[
             time.sleep(0.05)
         assert children
         assert all(map(is_there, named))
-        parent.kill()
-        parent.wait()
+        parent.send_signal(how)
         end = time.monotonic() + SOON_S
+        with suppress(subprocess.TimeoutExpired):
+            parent.wait(SOON_S)
+        children = [*children, parent.pid]
         while any(map(is_there, children)) and time.monotonic() < end:
             time.sleep(0.05)
         left = [child for child in children if is_there(child)]
@@ -101,19 +107,21 @@ def test_a_pool_ends_with_its_killed_parent(busy: str, without_prctl: str, tmp_p
     assert not left_after_a_kill(program, lines=2)
 
 
+@pytest.mark.parametrize("how", ENDS)
 @pytest.mark.parametrize("program", [WORLD, HUNG], ids=["waits", "hangs"])
-def test_a_world_ends_with_its_killed_parent(program: str, tmp_path: Path) -> None:
+def test_a_world_ends_with_its_parent(program: str, how: signal.Signals, tmp_path: Path) -> None:
     """While it waits for a question, and where it never comes to the end of its socket."""
     (tmp_path / "program.py").write_text(program)
-    assert not left_after_a_kill(tmp_path / "program.py", lines=1)
+    assert not left_after_a_kill(tmp_path / "program.py", lines=1, how=how)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("how", ENDS)
 @pytest.mark.parametrize("more", [(), ("--policies",)])
-def test_nothing_of_a_killed_calibration_remains(more: tuple[str, ...]) -> None:
-    """As an out-of-memory killer and a time-out of CI kill it."""
+def test_nothing_of_an_ended_calibration_remains(more: tuple[str, ...], how: signal.Signals) -> None:
+    """As an out-of-memory killer, a time-out of CI and a person end it."""
     words = ["calibrate", "--processes", "2", "--replications", "50", *more]
-    assert not left_after_a_kill("-m", "eyechart", *words, workers=3)
+    assert not left_after_a_kill("-m", "eyechart", *words, workers=3, how=how)
 
 
 def test_processes_are_begun_in_two_places_alone() -> None:

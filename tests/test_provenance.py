@@ -33,7 +33,7 @@ from eyechart.stats.paired_tests import ChangedPairs
 from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery import merge
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import Evidence, Verdict, controls_wanted, judge_one
@@ -180,7 +180,7 @@ def test_patched_is_asked_with_the_pictures_along_the_range_where_a_bank_has_it(
     assert controls_wanted(found, supplied=STAGE, asked=()) == STAGE
 
 
-def answered(changed: int, repeated: int, n: int, made: Provenance) -> CalibratedStatistics:
+def answered(changed: int, repeated: int, n: int, made: Provenance) -> LazyStatistics:
     """Return the tests of a model whose decision the edit and a repeat change so often, on other frames."""
 
     def column(which: range) -> tuple[Decision[str], ...]:
@@ -192,7 +192,9 @@ def answered(changed: int, repeated: int, n: int, made: Provenance) -> Calibrate
         "real_repeat": column(range(changed, changed + repeated)),
     }
     frames = tuple(banks.one(str(place), ("a", "a-0", place), "none", f"{place}.png") for place in range(n))
-    return CalibratedStatistics(CalibratedTests(Answers("", frames, DRIVING, None, decisions, made=made), Resampling()))
+    return LazyStatistics(
+        CalibratedTests(Answers("", frames, DRIVING, None, decisions, made=made), Resampling()).tests()
+    )
 
 
 def test_the_two_tests_of_an_edit_count_frames_with_all_three_answers() -> None:

@@ -21,12 +21,13 @@ from functools import cache
 from importlib.util import find_spec
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
+
+T = TypeVar("T")
 
 FOLDER = ".reading"
 """The folder in a run that holds its kept readings."""
 _RUN = "run.json"
-_MOST_BYTES = 64_000_000
 _MOST_KEPT = 64
 _MOST_FILES = 3_000_000
 _KEY_BYTES = 32
@@ -67,15 +68,30 @@ class _RunState:
         return _states(folder) == self.files
 
 
+@dataclass(frozen=True)
+class KeptForm(Generic[T]):
+    """How a reading is written to a file and read back; None for one that cannot be written."""
+
+    suffix: str
+    write: Callable[[T], bytes | None]
+    read: Callable[[bytes], T]
+    most_bytes: int
+
+
+JSON: KeptForm[Any] = KeptForm("json", lambda values: json.dumps(values).encode(), json.loads, 64_000_000)
+"""Plain values; a first reading is what would be read back."""
+
+
 def kept(
     folder: Path,
     asked: Sequence[object],
-    make: Callable[[], Any],
+    make: Callable[[], T],
+    form: KeptForm[T] = JSON,
     *,
     fresh: bool = False,
     beside: Sequence[Path] = (),
-) -> Any:  # noqa: ANN401 - JSON
-    """Return the plain values that ``make`` reads in a run's folder, or those that it read before.
+) -> T:
+    """Return what ``make`` reads in a run's folder, or what it read before.
 
     ``asked`` names the command and its settings, and ``beside`` the files that it reads elsewhere.
     Every byte of the run is hashed each time, but for pictures. With ``fresh`` the run is read anew,
@@ -87,71 +103,72 @@ def kept(
     except (_UnnamedError, OSError):
         key = None
     if key is None:
-        return _plain(make())
-    file = folder / FOLDER / f"{before.digest}.json"
-    if not fresh and (found := _opened(file, key)) is not None:
+        return _as_kept(make(), form)[0]
+    file = folder / FOLDER / f"{before.digest}.{form.suffix}"
+    if not fresh and (found := _opened(file, form, key)) is not None:
         return found[0]
     with _warned() as said:
-        made = _plain(make())
+        made, body = _as_kept(make(), form)
     with suppress(_UnnamedError, OSError):
-        if not said and before.holds(folder, asked):
-            _keep(file, made, key)
+        if body is not None and len(body) < form.most_bytes and not said and before.holds(folder, asked):
+            _keep(file, body, key)
     return made
 
 
-def _plain(made: object) -> Any:  # noqa: ANN401 - JSON
-    """Return values as they are read back, so that a first reading equals a second one."""
-    return json.loads(json.dumps(made))
+def _as_kept(made: T, form: KeptForm[T]) -> tuple[T, bytes | None]:
+    """Return a reading as it is read back, with its bytes: a first answer equals a second one."""
+    body = form.write(made)
+    return (made if body is None or form is not JSON else form.read(body)), body
 
 
 @contextmanager
 def _warned() -> Iterator[list[None]]:
     """Yield a list that grows with each warning of the block, which is shown as usual."""
     said: list[None] = []
-    with warnings.catch_warnings():
-        shown = warnings.showwarning
+    shown = warnings.showwarning
 
-        def show(*given: Any, **more: Any) -> None:  # noqa: ANN401 - as warnings calls it
-            said.append(None)
-            shown(*given, **more)
+    def show(*given: Any, **more: Any) -> None:  # noqa: ANN401 - as warnings calls it
+        said.append(None)
+        shown(*given, **more)
 
-        warnings.showwarning = show
+    warnings.showwarning = show
+    try:
         yield said
+    finally:
+        warnings.showwarning = shown
 
 
-def _opened(file: Path, key: bytes) -> tuple[Any] | None:
+def _opened(file: Path, form: KeptForm[T], key: bytes) -> tuple[T] | None:
     """Return what a file keeps, in a tuple; None unless it is whole and of this user."""
-    with suppress(OSError, ValueError, RecursionError):
-        if not stat.S_ISREG(file.lstat().st_mode) or file.lstat().st_size > _MOST_BYTES:
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
+        if not stat.S_ISREG(file.lstat().st_mode) or file.lstat().st_size > form.most_bytes:
             return None
         seal, _, body = file.read_bytes().partition(b"\n")
         if hmac.compare_digest(seal, _sealed(file.name, body, key)):
-            return (json.loads(body),)
+            return (form.read(body),)
     return None
 
 
-def _keep(file: Path, made: object, key: bytes) -> None:
+def _keep(file: Path, body: bytes, key: bytes) -> None:
     """Write a reading whole or not at all; remove the oldest beyond a number of them."""
-    body = json.dumps(made).encode()
-    if len(body) >= _MOST_BYTES:
-        return
     file.parent.mkdir(exist_ok=True)
-    if file.parent.is_symlink():
-        return
     partial = file.with_name(f".{file.stem}.{os.getpid()}.{secrets.token_hex(4)}.new")
     try:
         with partial.open("xb") as out:
-            out.write(_sealed(file.name, body, key) + b"\n" + body)
+            out.write(_sealed(file.name, body, key) + b"\n")
+            out.write(body)
         partial.replace(file)
     finally:
         partial.unlink(missing_ok=True)
-    every = sorted(file.parent.glob("*.json"), key=lambda one: one.stat().st_mtime_ns)
-    for old in every[:-_MOST_KEPT]:
+    every = sorted(file.parent.glob(f"*.{file.suffix[1:]}"), key=lambda one: one.stat().st_mtime_ns)
+    for old in every[: -_MOST_KEPT if file.suffix == ".json" else -1]:
         old.unlink(missing_ok=True)
 
 
 def _sealed(name: str, body: bytes, key: bytes) -> bytes:
-    return hmac.new(key, name.encode() + b"\n" + body, "sha256").hexdigest().encode()
+    seal = hmac.new(key, name.encode() + b"\n", "sha256")
+    seal.update(body)
+    return seal.hexdigest().encode()
 
 
 @cache

@@ -121,7 +121,7 @@ def _entries(name: str, run: Path, reading: ReadOptions) -> Iterator[Entry]:
         yield Entry(name, study.runs_are, _moment(_created(run)), "", "", (), unread)
 
 
-def _found_in(run: Path, study: Study[Any], reading: ReadOptions) -> dict[str, object]:
+def _found_in(run: Path, study: Study[Any], reading: ReadOptions) -> dict[str, Any]:
     """Return what a run says, in plain values: its findings by model, and when it began."""
     findings = study.findings(study.score(run, reading))
     return {"findings": {spec: one.as_plain() for spec, one in findings.items()}, "began": study.began(run)}

@@ -40,7 +40,7 @@ def test_a_notebook_runs_to_its_end(path: Path, tmp_path: Path, monkeypatch: pyt
             exec(compile(code, place, "exec"), names)  # noqa: S102 - our own notebook
     for words in SAID[path.stem]:
         assert words in said.getvalue(), said.getvalue()
-    assert (tmp_path / "report.html").is_file()
+    assert (tmp_path / path.stem / "report.html").is_file()
 
 
 def test_each_notebook_is_held_to_what_it_shows() -> None:

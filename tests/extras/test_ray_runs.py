@@ -28,7 +28,7 @@ from eyechart.models import actors, open_model
 from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
-from ray_cluster import two_nodes
+from ray_cluster import two_nodes, workers_after, workers_there
 
 pytestmark = pytest.mark.models
 
@@ -126,7 +126,7 @@ def test_a_coordinator_that_is_killed_loses_no_finished_call(tmp_path: Path) -> 
     run.wait()
     before = finished(ledger)
     assert 20 <= len(before) < 8 * len(bank)
-    assert actors_after(10.0) == []
+    assert workers_after(10.0) == []
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     with Ledger(ledger) as opened:
@@ -141,20 +141,30 @@ def finished(ledger: Path) -> set[object]:
         return set(opened.finished())
 
 
-def actors_after(seconds: float) -> list[int]:
-    """Return the processes of actors of ours that still live after so many seconds; it waits no longer than needed."""
-    deadline = time.monotonic() + seconds
-    while True:
-        left = []
-        for folder in Path("/proc").glob("[0-9]*"):
-            try:
-                if b"_ModelActor" in (folder / "cmdline").read_bytes():
-                    left.append(int(folder.name))
-            except OSError:
-                continue
-        if not left or time.monotonic() > deadline:
-            return left
-        time.sleep(0.1)
+@pytest.mark.usefixtures("_cluster")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("command", ["run battery", "run closed-loop", "calibrate"])
+def test_no_worker_of_a_cluster_outlives_its_command(command: str, how: signal.Signals, tmp_path: Path) -> None:
+    """Actors that hold models, actors that hold worlds, and tasks are gone ten seconds later, however it was ended."""
+    more = {
+        "run battery": ("--model", "python:guests_of_ray:slow", "--frames", "BANK", "--out", "OUT", "--workers", "2"),
+        "run closed-loop": ("--simulator", "rover", "--policy", "oracle", "--seeds", "99", "--out", "OUT"),
+        "calibrate": ("--replications", "200", "--processes", "2"),
+    }
+    bank = banks.build_bank(tmp_path / "bank", episodes=12)
+    given = {"BANK": str(bank.root), "OUT": str(tmp_path / "run")}
+    words = [*command.split(), *(given.get(word, word) for word in more[command]), "--engine", "ray"]
+    assert workers_after(10.0) == []
+    with (tmp_path / "said").open("w+") as said:
+        run = subprocess.Popen([sys.executable, "-m", "eyechart", *words], stdout=said, stderr=said)
+        deadline = time.monotonic() + 120
+        while run.poll() is None and not workers_there() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert run.poll() is None, (tmp_path / "said").read_text()
+        assert workers_there()
+        run.send_signal(how)
+        assert run.wait(10.0) != 0
+    assert workers_after(10.0) == []
 
 
 @pytest.mark.usefixtures("_cluster")
@@ -196,12 +206,12 @@ def test_a_worker_that_no_node_has_a_place_for_hangs_no_call(monkeypatch: pytest
     without = actors.PooledModel(RequestMode(GUEST), "", model.version, {}, actors.ActorPool(1, gpus=1.0))
     held.open()
     monkeypatch.setattr(actors, "OPENING_S", 3.0)
-    with pytest.raises(SpecError, match="no node of the cluster opened .* within 3 s: do other jobs hold its GPUs"):
+    with pytest.raises(SpecError, match=r"no node of the cluster opened .* within 3 s: do other jobs hold its GPUs"):
         without.open()
     reply = asyncio.run(without.answer(query))
     assert (reply.error, "no node of the cluster opened" in (reply.error_detail or "")) == ("missing_model", True)
     without.end()
-    held._actors[0] = without._new()
+    held._actors[0] = without._new()  # a worker whose node is gone
     before = time.monotonic()
     assert [asyncio.run(held.answer(query)).error for _ in range(4)] == [None] * 4
     assert time.monotonic() - before < 3.0

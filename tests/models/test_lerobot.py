@@ -33,7 +33,7 @@ from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Motion
 from eyechart.studies import policy
-from test_processes import is_there, left_after_a_kill
+from test_processes import ENDS, is_there, left_after_a_kill
 
 TOP = np.full((32, 32, 3), (204, 40, 40), np.uint8)
 SEEN = Stimulus({"wrist": encode(TOP // 2), "top": encode(TOP)}, {}, {"tool": (0.75, 0.5), "grip": (1.0,)})
@@ -235,15 +235,16 @@ time.sleep(300)
 """
 
 
+@pytest.mark.parametrize("how", ENDS)
 @pytest.mark.parametrize("does", ["answers", "hangs"])
-def test_a_process_ends_with_its_killed_parent(
-    does: str, packages: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_process_ends_with_its_parent(
+    does: str, how: signal.Signals, packages: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While it waits for a call, and during one."""
     folder, program = stand_in.checkpoint(tmp_path / "act", does), tmp_path / "program.py"
     program.write_text(HELD.replace("FOLDER", str(folder)).replace("DOES", does))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(packages), *filter(None, sys.path)]))
-    assert not left_after_a_kill(program, lines=1)
+    assert not left_after_a_kill(program, lines=1, how=how)
 
 
 def _edited(folder: Path, file: str, **fields: Any) -> None:  # noqa: ANN401 - fields of all kinds

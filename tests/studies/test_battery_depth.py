@@ -16,7 +16,7 @@ from eyechart.models.scripted import PerceivedPicture
 from eyechart.stats.order import Density
 from eyechart.stats.paired_tests import Places
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.depth import moved_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
@@ -37,7 +37,7 @@ def asked(known: KnownController, world: World) -> Answers:
 
 def judged(answers: Answers) -> tuple[str, str]:
     """Return the label and what is said."""
-    ruling = calibrated_rules(CalibratedStatistics(CalibratedTests(answers, Resampling())), turns=False)[0]
+    ruling = calibrated_rules(LazyStatistics(CalibratedTests(answers, Resampling()).tests()), turns=False)[0]
     return ruling.label, str(ruling.reason)
 
 

@@ -19,7 +19,7 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
 from eyechart.studies.battery.answers import read_answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.stages import asked_of_model, available_controls, replied
 from eyechart.verdicts import calibrated_rules, judge
@@ -126,8 +126,8 @@ def test_drift_earns_no_depth(bank: FrameBank, tmp_path: Path, rule: Rule) -> No
         if not set(RANGED) <= set(controls):
             continue
         answers = read_answers("standin:steady", replies, replace(plan, controls={"standin:steady": controls}))
-        calibratedstatistics = CalibratedStatistics(
-            CalibratedTests(answers, Resampling(99, plan.seed, intervals=False))
+        calibratedstatistics = LazyStatistics(
+            CalibratedTests(answers, Resampling(99, plan.seed, intervals=False)).tests()
         )
         earned += calibrated_rules(calibratedstatistics, turns=False)[0].label in {"depth", "partial_depth"}
     assert earned <= 1

@@ -19,7 +19,7 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.stats.exact_difference import exact_bounds, is_bounded
 from eyechart.stats.statistic import Statistic
 from eyechart.studies import battery
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.controls import OF_PICTURES
 from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.odds import LEFT_OUT, odds_of
@@ -251,24 +251,22 @@ def test_every_test_of_a_verdict_is_drawn_or_named_as_left_out(kind: str) -> Non
         return "STOP" if gap < 12 else "SLOW" if gap < 35 else "STRAIGHT"
 
     frames = simulated.frames()
-    calibratedstatistics = CalibratedStatistics(
-        CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99))
-    )
+    statistics = LazyStatistics(CalibratedTests(simulated.answers(rule, frames), Resampling(resamples=99)).tests())
     read = set[str]()
 
     class Read(Mapping[str, Statistic]):
         def __getitem__(self, name: str) -> Statistic:
             read.add(name)
-            return calibratedstatistics[name]
+            return statistics[name]
 
         def __iter__(self) -> Iterator[str]:
-            return iter(calibratedstatistics)
+            return iter(statistics)
 
         def __len__(self) -> int:
-            return len(calibratedstatistics)
+            return len(statistics)
 
     assert calibrated_rules(Read(), turns=False)[0].label == kind
     named = {name.partition(" ")[0] for name in LEFT_OUT}
     left = {name for name in read - DRAWN if not name.startswith("content_nudged_")}  # as content is, and after it
     assert left <= named
-    assert named - DRAWN <= {*calibratedstatistics}
+    assert named - DRAWN <= {*statistics}

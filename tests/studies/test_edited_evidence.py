@@ -15,7 +15,7 @@ from eyechart.frames import Frame, FrameBank, decode, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
 from eyechart.verdicts.ruling import Ruling
@@ -77,9 +77,7 @@ def pictures(bank: FrameBank) -> Pictures:
     return found
 
 
-def statistics(
-    bank: FrameBank, pictures: Pictures, oracle: Oracle, frames: tuple[Frame, ...] = ()
-) -> CalibratedStatistics:
+def statistics(bank: FrameBank, pictures: Pictures, oracle: Oracle, frames: tuple[Frame, ...] = ()) -> LazyStatistics:
     """Return the tests of an oracle's answers to every picture of the bank."""
     frames = frames or bank.frames
     decisions = {
@@ -90,7 +88,7 @@ def statistics(
     }
     manifest = bank.manifest
     answers = Answers("", frames, manifest.action_space, manifest.gap, decisions, made=manifest.provenance)
-    return CalibratedStatistics(CalibratedTests(answers, Resampling(seed=1)))
+    return LazyStatistics(CalibratedTests(answers, Resampling(seed=1)).tests())
 
 
 def ruled(bank: FrameBank, pictures: Pictures, oracle: Oracle) -> Ruling:
@@ -115,7 +113,7 @@ def test_the_bank_is_edited_and_says_so(bank: FrameBank) -> None:
     assert sum("patched" in frame.counterfactuals for frame in bank) >= 44
 
 
-def as_rendered(found: CalibratedStatistics) -> str:
+def as_rendered(found: LazyStatistics) -> str:
     """Return the label that the same answers get where control pictures are rendered."""
     plain = {name: one for name, one in found.items() if name not in OF_EDITS}
     return calibrated_rules(plain, turns=False)[0].label

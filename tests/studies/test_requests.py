@@ -15,7 +15,7 @@ import banks
 from eyechart.api import build_bank
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError
-from eyechart.frames import ENCODINGS, MAIN, BankWriter, Encoding, FrameBank, nouns, open_bank
+from eyechart.frames import ENCODINGS, MAIN, BankWriter, FrameBank, PictureEncoding, nouns, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER
 from eyechart.simulators import open_bank_simulator
@@ -160,7 +160,7 @@ def test_another_encoder_is_no_fault(tmp_path: Path, monkeypatch: pytest.MonkeyP
         Image.fromarray(rgb).save(kept, "PNG", compress_level=9)
         return kept.getvalue()
 
-    others = dict.fromkeys(ENCODINGS, Encoding(otherwise, otherwise))
+    others = dict.fromkeys(ENCODINGS, PictureEncoding(otherwise, otherwise))
     monkeypatch.setattr("eyechart.studies.battery.plans.ENCODINGS", others)
     assert battery.score(run).models[MODEL].answered
     change(run, lambda name: name == "text_only")

@@ -37,7 +37,7 @@ from eyechart.spaces.space import Decision
 from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers
-from eyechart.studies.battery.calibrated_statistics import COUNTERFACTUAL_TESTS, CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import COUNTERFACTUAL_TESTS, CalibratedTests, LazyStatistics
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 
@@ -186,7 +186,7 @@ def staged(answers: Answers, how: Resampling) -> Answers:
     answers = sampled(answers, how.seed)
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in decisions})
-        statistics = CalibratedStatistics(CalibratedTests(part, how))
+        statistics = LazyStatistics(CalibratedTests(part, how).tests())
         more = verdicts.controls_wanted(statistics, supplied=CONTROLS, asked=decisions)
         if not more:
             return part

@@ -37,11 +37,11 @@ def score(
     main ones. --json says how each was found. Example: eyechart score run --all
     """
 
-    def read() -> object:
+    def read() -> Any:  # noqa: ANN401 - JSON
         from eyechart.studies import ReadOptions, Study, study_of
 
         study = study_of(run, "score" if against is None else "score --against")
-        scored = study.score(run, ReadOptions(independent, reread, against))
+        scored = study.score(run, ReadOptions(independent, reread, against, fresh=fresh))
         if json:
             return scored.as_dict()
         shown = study.printed(scored) if every else study.brief(scored)
@@ -63,11 +63,11 @@ def verdict(
 ) -> None:
     """Print every model's verdict and what decided it. Example: eyechart verdict run."""
 
-    def read() -> object:
+    def read() -> Any:  # noqa: ANN401 - JSON
         from eyechart.studies import ReadOptions, study_of
 
         study = study_of(run, "verdict")
-        scored = study.score(run, ReadOptions(independent, reread))
+        scored = study.score(run, ReadOptions(independent, reread, fresh=fresh))
         return study.verdict_json(scored) if json else as_read(study.verdict_printed(scored), names=study.models(run))
 
     found = kept(run, ["verdict", json, independent, reread], read, fresh=fresh)
@@ -92,7 +92,7 @@ def costs(
     run --all --json
     """
 
-    def read() -> object:
+    def read() -> Any:  # noqa: ANN401 - JSON
         from eyechart.models.prices import read_prices
         from eyechart.records import plain
         from eyechart.studies import study_of
@@ -101,10 +101,14 @@ def costs(
         if unread and json:
             return {"unread": plain(study.unread(run))}
         if json:
-            return study.took(run, read_prices(prices)).as_dict()
+            return study.took(run, read_prices(prices), fresh=fresh).as_dict()
         from eyechart.report.accounts import unread_table
 
-        shown = [unread_table(study.unread(run))] if unread else _costs_printed(study, run, read_prices(prices), every)
+        shown = (
+            [unread_table(study.unread(run))]
+            if unread
+            else _costs_printed(study, run, read_prices(prices), every=every, fresh=fresh)
+        )
         return as_read(shown, None if unread else 160, names=study.models(run))
 
     asked = ["costs", json, every, unread]
@@ -112,12 +116,14 @@ def costs(
     print_json(found) if json else print_read(found)
 
 
-def _costs_printed(study: "Study[Any]", run: Path, prices: "Prices", every: bool) -> "Iterator[Table | str]":
+def _costs_printed(
+    study: "Study[Any]", run: Path, prices: "Prices", *, every: bool, fresh: bool
+) -> "Iterator[Table | str]":
     """Yield what a run's calls took, what decisions cost, and the guards."""
     from eyechart.report.accounts import costs_table
     from eyechart.studies import ReadOptions
 
-    took = study.took(run, prices)
+    took = study.took(run, prices, fresh=fresh)
     each = study.deployment([run], ReadOptions(prices=prices), {run: took})
     tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
     yield from (table.known() if study.callables else table for table in tables)
@@ -172,13 +178,13 @@ def gate(
 
         require_free(junit, "JUnit file")
 
-    def read() -> object:
+    def read() -> Any:  # noqa: ANN401 - JSON
         from eyechart.gate import read_requirements
         from eyechart.studies import ReadOptions, study_of
 
         study = study_of(run, "gate")
         wanted = read_requirements(require or study.required, study.requirements)
-        score = study.score(run, ReadOptions(independent, reread))
+        score = study.score(run, ReadOptions(independent, reread, fresh=fresh))
         held = study.gate(
             score,
             wanted,

@@ -12,7 +12,7 @@ import numpy as np
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
 from eyechart.corruptions import CORRUPTIONS, LEAST_SIDE, STEPS, Corruption, step_of
 from eyechart.errors import BankError, SpecError, did_you_mean, require_known
-from eyechart.frames import PATCHED, RGB, Camera, Encoding, Frame, FrameBank, Source, Stimulus, decode
+from eyechart.frames import PATCHED, RGB, Camera, Frame, FrameBank, PictureEncoding, Source, Stimulus, decode
 from eyechart.seeds import key_seed
 from eyechart.stats.partners import NOBODY
 
@@ -96,7 +96,7 @@ def _blank(frame: Frame, source: Source, _: int) -> Stimulus:
 
 
 @lru_cache(maxsize=8)
-def _grey(shape: tuple[int, int, int], encoding: Encoding) -> bytes:
+def _grey(shape: tuple[int, int, int], encoding: PictureEncoding) -> bytes:
     return encoding.picture(np.full(shape, MID_GREY, dtype=np.uint8))
 
 

@@ -17,8 +17,8 @@ from eyechart.frames import (
     ENCODINGS,
     MAIN,
     RGB,
-    Encoding,
     Frame,
+    PictureEncoding,
     Scalar,
     Stimulus,
     alone,
@@ -237,7 +237,7 @@ class _Moment:
     key: EpisodeKey
     frames: tuple[Frame, ...] = ()
     said: tuple[str, ...] = ()
-    encoding: Encoding = ENCODINGS[AS_STORED]
+    encoding: PictureEncoding = ENCODINGS[AS_STORED]
 
     @property
     def scenarios(self) -> Mapping[str, tuple[Frame, ...]]:

@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 import numpy as np
 
 from eyechart.errors import BankError
-from eyechart.frames.pictures import AS_STORED, ENCODINGS, Encoding, as_png, read_bounded, size_of
+from eyechart.frames.pictures import AS_STORED, ENCODINGS, PictureEncoding, as_png, read_bounded, size_of
 from eyechart.records import LARGEST, to_json_fields
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.motion import MotionSpace
@@ -261,7 +261,7 @@ class Source(Protocol):
         """
 
     @property
-    def encoding(self) -> Encoding:
+    def encoding(self) -> PictureEncoding:
         """How pictures that are made of its own are written."""
 
     def images(self, frame: Frame, counterfactual: str | None = None) -> Mapping[str, bytes]:
@@ -416,7 +416,7 @@ class FrameBank:
     manifest: BankManifest
     said: tuple[str, ...] = ()
     plain: bool = False
-    encoding: Encoding = ENCODINGS[AS_STORED]
+    encoding: PictureEncoding = ENCODINGS[AS_STORED]
     unchecked: bool = False
 
     def __repr__(self) -> str:

@@ -276,19 +276,19 @@ def packed(rgb: RGB) -> bytes:
     rows[:, 0], rows[0, 1:] = _UP, flat[0]
     np.subtract(flat[1:], flat[:-1], out=rows[1:, 1:])
     deflate = zlib.compressobj(1, strategy=zlib.Z_RLE)
-    return _png(wide, high, deflate.compress(rows), deflate.flush())
+    return _png(wide, high, deflate.compress(rows.data), deflate.flush())
 
 
 def stored(rgb: RGB) -> bytes:
     """Encode an RGB picture, shape (h, w, 3), uint8, as an uncompressed PNG (RFC 2083)."""
     high, wide, _ = rgb.shape
-    return _png(wide, high, zlib.compress(_rows(rgb), 0))
+    return _png(wide, high, zlib.compress(_rows(rgb).data, 0))
 
 
 def in_blocks(rgb: RGB) -> bytes:
     """Encode a picture as `stored` does, in whole blocks (RFC 1951): the same by every zlib, faster."""
     high, wide, _ = rgb.shape
-    rows = memoryview(_rows(rgb)).cast("B")
+    rows = _rows(rgb).data.cast("B")
     data: list[bytes | memoryview] = [_UNCOMPRESSED]
     for at in range(0, len(rows), _BLOCK):
         block = rows[at : at + _BLOCK]
@@ -316,7 +316,7 @@ def _png(wide: int, high: int, *data: bytes | memoryview) -> bytes:
     return b"".join(parts)
 
 
-class Encoding(NamedTuple):
+class PictureEncoding(NamedTuple):
     """How a run writes the pictures that it makes: those of a scene, and noise."""
 
     picture: Callable[[RGB], bytes]
@@ -324,12 +324,12 @@ class Encoding(NamedTuple):
 
 
 AS_STORED, NEWEST = "stored", "png-3"
-ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
+ENCODINGS: Mapping[str, PictureEncoding] = MappingProxyType(
     {
-        AS_STORED: Encoding(encode, encode),
-        "png": Encoding(encode, encode),
-        "png-2": Encoding(encode, stored),
-        NEWEST: Encoding(packed, in_blocks),
+        AS_STORED: PictureEncoding(encode, encode),
+        "png": PictureEncoding(encode, encode),
+        "png-2": PictureEncoding(encode, stored),
+        NEWEST: PictureEncoding(packed, in_blocks),
     }
 )
 """How a run's pictures are sent: as the bank holds them, or all as 8-bit PNGs of pixels alone.

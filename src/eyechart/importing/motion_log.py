@@ -302,9 +302,14 @@ def _closest(ways: Sequence[Sequence[tuple[Floats, Floats]]]) -> Floats:
 
 def _alike(done: Floats, states: Floats) -> Floats:
     """Return the correlations, shape (numbers, d), of numbers and states; 0 for constants."""
-    one, other = (many - many.mean(axis=0) for many in (done, states))
-    norms = np.sqrt((one**2).sum(axis=0))[:, None] * np.sqrt((other**2).sum(axis=0))[None]
-    result: Floats = np.divide(one.T @ other, norms, out=np.zeros_like(norms), where=norms > _STILL)
+    return np.asarray(_of_length_one(done).T @ _of_length_one(states))
+
+
+def _of_length_one(numbers: Floats) -> Floats:
+    """Return columns less their mean, each of length 1; zeros for a constant, in whatever unit."""
+    apart = numbers - numbers.mean(axis=0)
+    length, whole = (np.sqrt((one**2).sum(axis=0)) for one in (apart, numbers))
+    result: Floats = np.divide(apart, length, out=np.zeros_like(apart), where=length > _STILL * whole)
     return result
 
 

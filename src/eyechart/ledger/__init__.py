@@ -6,7 +6,7 @@ removed. If a call has several final replies, the last one counts. A counter bes
 when written rows are missing.
 """
 
-from eyechart.ledger.columns import TEXTS_KEPT, Attempts, columns_of
+from eyechart.ledger.columns import COLUMNS, TEXTS_KEPT, Attempts, columns_of, hashed
 from eyechart.ledger.ledger import Ledger
 from eyechart.ledger.loss import accept_loss
 from eyechart.ledger.rows import AGAIN, UNKNOWN, Attempt, SentAttempt
@@ -14,6 +14,7 @@ from eyechart.ledger.schema import SINCE_FORMAT_3
 
 __all__ = [
     "AGAIN",
+    "COLUMNS",
     "SINCE_FORMAT_3",
     "TEXTS_KEPT",
     "UNKNOWN",
@@ -23,4 +24,5 @@ __all__ = [
     "SentAttempt",
     "accept_loss",
     "columns_of",
+    "hashed",
 ]

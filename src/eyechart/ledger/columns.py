@@ -1,6 +1,7 @@
 """Attempts as columns: a ledger is read in one pass, which checks every row, and then counted by numpy."""
 
 import hashlib
+import json
 import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eyechart.calls import MOST, UNFINISHED, CallKey, DecisionReader, Reply
+from eyechart.kept import KeptForm
 from eyechart.ledger.rows import KEY_OF_CALL, OF_KEY, REPLY, REPLY_OF, SentAttempt, pack
 from eyechart.spaces.space import Decision
 
@@ -260,7 +262,7 @@ class _Gather:
         put("final", final == 1)
         put("number", _small(np.array(columns[_NUMBER], dtype=np.int64)))
         put("call", _small(np.array(columns[_NUMBER + 1], dtype=np.int64)))
-        put("request", np.fromiter(map(_hashed, columns[OF_KEY + 1]), np.int64, len(several)))
+        put("request", np.fromiter(map(hashed, columns[OF_KEY + 1]), np.int64, len(several)))
         self._numbers(columns)
         entries = self._read(columns, codes, came)
         decision, silent, _ = zip(*self._entries, (-1, False, ""), strict=True)  # the last is that of no reply
@@ -374,5 +376,72 @@ class _Gather:
         )
 
 
-def _hashed(digest: str) -> int:
-    return hash(digest) if digest else 0
+def hashed(digest: str) -> int:
+    """Return the first 60 bits of a hexadecimal digest as a number; 0 without one."""
+    try:
+        return int(digest[:15] or "0", 16)
+    except ValueError:  # no digest of ours
+        return hash(digest)
+
+
+def written(attempts: Attempts) -> bytes | None:
+    """Return columns as bytes: a line of JSON that describes them, and then their arrays.
+
+    None where an action is no word, as a motion: it cannot be written exactly.
+    """
+    if any(not isinstance(one.action, str | None) for one in attempts.decisions):
+        return None
+    arrays = dict(_arrays(attempts))
+    said = {
+        "arrays": [[name, one.dtype.str, len(one)] for name, one in arrays.items()],
+        "names": attempts.names,
+        "decisions": [[one.action, one.missing, one.why] for one in attempts.decisions],
+        "served": [[model, said, *counted] for (model, said), counted in attempts.served.items()],
+        "texts": {str(model): sorted(found) for model, found in attempts.texts.items()},
+    }
+    head = json.dumps(said).encode()
+    head += b" " * (-(len(head) + 1 + _BEFORE) % 8) + b"\n"
+    return head + b"".join(one.tobytes() for one in arrays.values())
+
+
+def _arrays(attempts: Attempts) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield every array by a name, those of the largest values first."""
+    groups = {"": vars(attempts), "codes": attempts.codes, "whole": attempts.whole, "real": attempts.real}
+    groups["repeats"] = vars(attempts.repeats)
+    found = {
+        f"{group}.{name}": one
+        for group, many in groups.items()
+        for name, one in many.items()
+        if isinstance(one, np.ndarray)
+    }
+    yield from sorted(found.items(), key=lambda item: -item[1].itemsize)
+
+
+def read_back(body: bytes) -> Attempts:
+    """Return the columns that `written` wrote, over the same bytes; raises ValueError or LookupError."""
+    head, _, _ = body.partition(b"\n")
+    said, at = json.loads(head), len(head) + 1
+    groups: dict[str, dict[str, NDArray[Any]]] = {name: {} for name in ("", "codes", "whole", "real", "repeats")}
+    for name, kind, length in said["arrays"]:
+        group, _, place = name.partition(".")
+        if np.dtype(kind).kind not in "bif":
+            raise ValueError(f"{name} is no column of numbers")
+        groups[group][place] = np.frombuffer(body, kind, length, at)
+        at += groups[group][place].nbytes
+    return Attempts(
+        names={name: tuple(words) for name, words in said["names"].items()},
+        codes=groups["codes"],
+        whole=groups["whole"],
+        real=groups["real"],
+        repeats=Repeats(**groups["repeats"]),
+        decisions=tuple(Decision(*one) for one in said["decisions"]),
+        served={(model, tuple(named)): tuple(counted) for model, named, *counted in said["served"]},
+        texts={int(model): frozenset(found) for model, found in said["texts"].items()},
+        **groups[""],
+    )
+
+
+_BEFORE = 65
+"""Bytes of the seal before a kept reading, so that its arrays begin at a multiple of eight."""
+COLUMNS = KeptForm("columns", written, read_back, 1_000_000_000)
+"""How columns are kept beside a run: an array takes as long to read as its bytes."""

@@ -26,7 +26,10 @@ SEEDS = (0, 1, 2)
 
 _FILES, _END_BYTES = "files", 65_536
 _CONTENT = frozenset(
-    ".png .jpg .jpeg .webp .bmp .tif .tiff .gif .parquet .mp4 .json .jsonl .csv .hdf5 .h5 .hdf".split()
+    (
+        *(".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".gif", ".mp4"),
+        *(".parquet", ".json", ".jsonl", ".csv", ".hdf5", ".h5", ".hdf"),
+    )
 )
 """The files whose content a record covers; a bank is made from no others."""
 
@@ -114,8 +117,9 @@ class Pictures:
         table = None if self.table is None else hashlib.sha256(self.table.read_bytes()).hexdigest()
         places = {"photos": self.photos, "dataset": self.dataset}
         found: dict[str, object] = {name: str(path.resolve()) for name, path in places.items() if path is not None}
-        found |= {_FILES: _digest(path, out) for path in places.values() if path is not None}
+        given = next((path for path in places.values() if path is not None), None)
         return {
+            **({} if given is None else {_FILES: _digest(given, out)}),
             **(found or {"world": WORLD if steps is None else TABLE}),
             "table_sha256": table,
             "columns": dict(self.columns),

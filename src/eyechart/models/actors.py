@@ -62,10 +62,11 @@ class PooledModel:
     """
 
     def __init__(
-        self, mode: RequestMode, answering: str, version: str, facts: Mapping[str, str], workers: ActorPool
+        self, mode: RequestMode, answering: str, version: str, facts: dict[str, str], workers: ActorPool
     ) -> None:
         batch = int(facts.get("batch", 0))
-        self.version, self.facts = version, {**facts, **({"batch": str(batch * workers.count)} if batch else {})}
+        self.version = version
+        self.facts: Mapping[str, str] = facts | ({"batch": str(batch * workers.count)} if batch else {})
         self._batches = Batches(batch, self._replies) if batch else None
         self._mode, self._answering, self._workers = mode, answering, workers
         self._actors: list[_PooledActor] = []

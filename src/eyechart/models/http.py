@@ -189,7 +189,7 @@ class Endpoint:
         for (name, most), text in zip(_BOUNDS.items(), _texts(reply), strict=True):
             if text and (clean := self.scrub(text)[:most]) != text:
                 changed[name] = clean
-        return replace(reply, **changed) if changed else reply
+        return replace(reply, **changed) if changed else reply  # type: ignore[arg-type]
 
     def _open(self) -> aiohttp.ClientSession:
         loop = asyncio.get_running_loop()

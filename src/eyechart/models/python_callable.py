@@ -177,7 +177,7 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
         if not done.done():
             ending()
 
-    def work() -> Callable[[], None]:
+    def work() -> Callable[[], object]:
         try:
             ending = partial(done.set_result, ask())
         except StopIteration as stop:  # a Future cannot carry it

@@ -209,8 +209,8 @@ class Study(ABC, Generic[S]):
         return self.printed(score)
 
     @abstractmethod
-    def took_run(self, run: Path, prices: Prices) -> RunCosts:
-        """Return the costs of one run's calls, at these prices."""
+    def took_run(self, run: Path, prices: Prices, *, fresh: bool = False) -> RunCosts:
+        """Return the costs of one run's calls, at these prices; ``fresh`` reads its ledger anew."""
 
     def scored(self, runs: Sequence[Path], reading: ReadOptions, tell: Tell) -> Iterator[tuple[str, S]]:
         """Yield the score of each of several folders with its name."""
@@ -235,11 +235,11 @@ class Study(ABC, Generic[S]):
                     sent.append(ledger.began())
         return min(filter(None, sent or said), default=min(filter(None, said), default=""))
 
-    def took(self, folder: Path, prices: Prices) -> RunCosts:
-        """Return the costs of all runs of a folder."""
+    def took(self, folder: Path, prices: Prices, *, fresh: bool = False) -> RunCosts:
+        """Return the costs of all runs of a folder; ``fresh`` reads their ledgers anew."""
         costs = RunCosts()
         for name, run in self.runs(folder).items():
-            costs.add(name, self.took_run(run, prices))
+            costs.add(name, self.took_run(run, prices, fresh=fresh))
         return costs
 
     def deployment(

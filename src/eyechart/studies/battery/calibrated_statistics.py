@@ -263,11 +263,11 @@ class CalibratedTests:
         return replace(statistic, value=apart, method=method, detail=detail)
 
 
-class CalibratedStatistics(Mapping[str, Statistic]):
-    """The calibrated tests of some answers by name, each computed at its first use."""
+class LazyStatistics(Mapping[str, Statistic]):
+    """Statistics by name, each computed at its first use by its function in ``tests``."""
 
-    def __init__(self, tests: CalibratedTests) -> None:
-        self._tests = tests.tests()
+    def __init__(self, tests: Mapping[str, Callable[[], Statistic]]) -> None:
+        self._tests = dict(tests)
         self._made: dict[str, Statistic] = {}
 
     def __getitem__(self, name: str) -> Statistic:

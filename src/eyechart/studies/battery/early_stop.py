@@ -18,7 +18,7 @@ from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.depth import AT, TWICE
 from eyechart.studies.battery.evidence import Claim, FrameAnswers, claims
 from eyechart.studies.battery.paper_statistics import Resampling
@@ -283,7 +283,7 @@ class StoppingState:
         if of is not None:
             answers = replace(answers, gap=of.gap, made=of.made)
             tests = CalibratedTests(answers, Resampling(seed=of.seed), of.independent)
-        return calibrated_rules(CalibratedStatistics(tests), turns=False)[0].label
+        return calibrated_rules(LazyStatistics(tests.tests()), turns=False)[0].label
 
     def _count(self, row: FrameAnswers) -> None:
         """Add the next frame to the open claims; once there is a label, to its two checks."""

@@ -6,9 +6,9 @@ docs/decisions/battery.md.
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -78,14 +78,20 @@ class PaperStatistics:
 
     def statistics(self) -> Statistics:
         """Return every statistic by its name."""
-        found: Statistics = {"unparsed_rate": self._unparsed()}
+        return {name: test() for name, test in self.tests().items()}
+
+    def tests(self) -> dict[str, Callable[[], Statistic]]:
+        """Return the function of every statistic, by its name."""
+        found: dict[str, Callable[[], Statistic]] = {"unparsed_rate": self._unparsed}
         for level, suffix in (("response", ""), ("decision", ".decision")):
             at_level = {**self._agreements(level), **self._dependence(level), **self._gap_tests(level)}
-            found |= {f"{name}{suffix}": value for name, value in at_level.items()}
-        found["refusal_effect"] = refusal_effect(found["cramers_v"], found["cramers_v.decision"])
-        found["mirror_swap_rate"] = self.swaps()
-        found["gap_order"] = self._gap_order()
-        return found | self._diversity()
+            found |= {f"{name}{suffix}": test for name, test in at_level.items()}
+        both = found["cramers_v"], found["cramers_v.decision"]
+        found["refusal_effect"] = lambda: refusal_effect(*(test() for test in both))
+        found["mirror_swap_rate"] = self.swaps
+        found["gap_order"] = self._gap_order
+        diversity = cache(self._diversity)
+        return found | {name: partial(lambda name: diversity()[name], name) for name in ("modal_share", "entropy")}
 
     def _unparsed(self) -> Statistic:
         decisions = self.answers.decisions
@@ -97,28 +103,36 @@ class PaperStatistics:
         statistic = self._over_episodes(lost, np.array([episode for _, episode in given]))
         return replace(statistic, detail={"reasons": dict(sorted(reasons.items()))})
 
-    def _agreements(self, level: str) -> Statistics:
-        differ: dict[str, tuple[Floats, Mask]] = {}
-        agreements: Statistics = {}
+    def _agreements(self, level: str) -> dict[str, Callable[[], Statistic]]:
         decisions = self.answers.decisions
         told = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
         further = [name for name in dict.fromkeys((*CONDITIONS, *decisions)) if name in decisions and name not in told]
-        for name in (*BATTERY[1:], *further):
-            apart, have = self.answers.distance("real", name, level)
-            differ[name] = ((apart > 0).astype(np.float64), have)
-            agreements[f"agree.{name}"] = self._share((apart == 0).astype(np.float64), have)
-        agreements["noise_floor"] = self._share(*differ["real_repeat"])
-        agreements["idi"] = self._share(*differ["blank"])
-        agreements["idi_adj"] = self._difference(*differ["blank"], *differ["real_repeat"])
-        agreements["clears_floor"] = _clears(agreements["idi"], agreements["noise_floor"])
-        return agreements
+        distance = cache(lambda name: self.answers.distance("real", name, level))
 
-    def _dependence(self, level: str) -> Statistics:
-        every = {name: self.answers.symbols(name, level) for name in BATTERY}
-        pair = {name: every[name] for name in ("real", "blank")}
+        def agree(name: str) -> Statistic:
+            apart, have = distance(name)
+            return self._share((apart == 0).astype(np.float64), have)
+
+        def differ(name: str) -> tuple[Floats, Mask]:
+            apart, have = distance(name)
+            return (apart > 0).astype(np.float64), have
+
+        floor, idi = (cache(lambda name=name: self._share(*differ(name))) for name in ("real_repeat", "blank"))
         return {
-            "cramers_v": self._association(every),
-            "cramers_v_real_blank": self._association(pair),
+            **{f"agree.{name}": partial(agree, name) for name in (*BATTERY[1:], *further)},
+            "noise_floor": floor,
+            "idi": idi,
+            "idi_adj": lambda: self._difference(*differ("blank"), *differ("real_repeat")),
+            "clears_floor": lambda: _clears(idi(), floor()),
+        }
+
+    def _dependence(self, level: str) -> dict[str, Callable[[], Statistic]]:
+        def over(names: Sequence[str]) -> Statistic:
+            return self._association({name: self.answers.symbols(name, level) for name in names})
+
+        return {
+            "cramers_v": cache(partial(over, BATTERY)),
+            "cramers_v_real_blank": partial(over, ("real", "blank")),
         }
 
     def _association(self, columns: dict[str, Symbols]) -> Statistic:
@@ -151,20 +165,32 @@ class PaperStatistics:
         interval = association_interval(_by_episode(i, j, episodes, shape), found.value)
         return _with_interval(replace(found, detail=detail), interval)
 
-    def _gap_tests(self, level: str) -> Statistics:
+    def _gap_tests(self, level: str) -> dict[str, Callable[[], Statistic]]:
+        return {"obstacle": partial(self._obstacle, level), "mutual_information": partial(self._of_gaps, level)}
+
+    def _obstacle(self, level: str) -> Statistic:
+        """Return how real answers go with a gap below the bank's threshold."""
+        if isinstance(found := self._real(level), Statistic) or self.answers.gap is None:
+            return found if isinstance(found, Statistic) else not_available(self.answers.no_gap)
+        answer, gaps, have = found
+        near = _CodedLabels((gaps < self.answers.gap.threshold).astype(np.int64), ("far", "near"))
+        return self._table(answer, near, self._episodes[have])
+
+    def _of_gaps(self, level: str) -> Statistic:
+        """Return the information of real answers about the gap."""
+        found = self._real(level)
+        return found if isinstance(found, Statistic) else self._information(*found, level)
+
+    def _real(self, level: str) -> "Statistic | tuple[_CodedLabels, Floats, Mask]":
+        """Return the answers to real pictures with their gaps and frames, or why there are none."""
         gaps = self.answers.gaps
         if gaps is None or self.answers.gap is None:
-            missing = not_available(self.answers.no_gap)
-            return {"obstacle": missing, "mutual_information": missing}
+            return not_available(self.answers.no_gap)
         real = self.answers.symbols("real", level)
         have = real != ABSENT
         if not have.any():
-            missing = not_available("no answers to real pictures")
-            return {"obstacle": missing, "mutual_information": missing}
-        near = _CodedLabels((gaps[have] < self.answers.gap.threshold).astype(np.int64), ("far", "near"))
-        answer = self._coded(real[have])
-        obstacle = self._table(answer, near, self._episodes[have])
-        return {"obstacle": obstacle, "mutual_information": self._information(answer, gaps[have], have, level)}
+            return not_available("no answers to real pictures")
+        return self._coded(real[have]), gaps[have], have
 
     def _information(self, real: "_CodedLabels", gaps: Floats, have: Mask, level: str) -> Statistic:
         bins = quantile_bins(gaps)

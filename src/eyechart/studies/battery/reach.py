@@ -20,7 +20,7 @@ from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.controls import SIDES
 from eyechart.studies.battery.depth import AT, BESIDE, PICTURE_OF, moved_of
 from eyechart.studies.battery.odds import calls_of
@@ -212,11 +212,11 @@ def _ruled(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
 
 def _found(
     choose: "Choose", bank: FrameBank, frames: tuple[Frame, ...], without: Sequence[str] = ()
-) -> tuple[CalibratedStatistics, Answers]:
+) -> tuple[LazyStatistics, Answers]:
     """Return a controller's statistics and answers, if the bank had these frames."""
     answers = _Ideal(bank, frames).answers(choose, without=without)
     independent = bank.manifest.independent and bank.manifest.provenance != "rendered"
-    return CalibratedStatistics(CalibratedTests(answers, _HOW, independent)), answers
+    return LazyStatistics(CalibratedTests(answers, _HOW, independent).tests()), answers
 
 
 @dataclass(frozen=True)

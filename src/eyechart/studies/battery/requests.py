@@ -12,7 +12,7 @@ import numpy as np
 from eyechart.calls import CallKey
 from eyechart.errors import EyechartError, LedgerError, printable
 from eyechart.frames import FrameBank, is_bare
-from eyechart.ledger import Attempts
+from eyechart.ledger import Attempts, hashed
 from eyechart.manifest import BANK, RunManifest
 from eyechart.perception.view import NONE, find_view
 from eyechart.run import Plan
@@ -133,7 +133,7 @@ class _RequestComparison:
         seen = (self._stored if exact else self._sent).show(condition, frame)
         self._bytes += sum(map(len, seen.pictures))
         key = CallKey(self.plan.study, "", self.plan.prompt.key, frame, condition)
-        wrong = asked.keys() - {hash(self.plan.query(key, seen).sha256())}
+        wrong = asked.keys() - {hashed(self.plan.query(key, seen).sha256())}
         kind = condition if self._made[condition] or self.manifest.view != NONE else _OF_BANK
         if not exact and len(wrong) < len(asked):
             self._alike.add(kind)

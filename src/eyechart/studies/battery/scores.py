@@ -4,15 +4,18 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from eyechart.calls import CallKey
 from eyechart.conditions import CONTROLS, OVER, is_available, of_bank
 from eyechart.costs import ALL, Account, accounts_of
 from eyechart.errors import LedgerError, SpecError, counted
 from eyechart.frames import IMPORTED, FrameBank
 from eyechart.integrity import Guard, RequestChecks, guards_of
-from eyechart.ledger import Attempts, Ledger
+from eyechart.kept import kept
+from eyechart.ledger import COLUMNS, Attempts, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import made_elsewhere
@@ -22,7 +25,7 @@ from eyechart.spaces.reader import READERS
 from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import ModelStatistics, Statistic
 from eyechart.studies.battery.answers import Answers, Mask, answers_in
-from eyechart.studies.battery.calibrated_statistics import CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.controls import DEPTH_TESTS, OF_PICTURES, TURN_TESTS
 from eyechart.studies.battery.depth import NAMES
 from eyechart.studies.battery.early_stop import EarlyStop, StoppingState
@@ -215,15 +218,17 @@ def score(
     resamples: int = 5000,
     independent: bool = False,
     reread: bool = False,
+    fresh: bool = False,
     frames: Sequence[str] = (),
 ) -> BatteryScore:
     """Score the battery in a run's folder, finished or not, on some of its ``frames`` or on all.
 
     ``independent`` declares that frames without episodes are independent draws, as a bank's
-    manifest may. ``reread`` lets today's reader read the replies of a run begun under an older one.
-    Raises LedgerError or BankError where the folder is no run, needs ``reread``, or holds calls
-    that it does not plan. Raises SpecError where independence is declared for a bank with episodes,
-    or the run cannot be scored on these ``frames``.
+    manifest may. ``fresh`` reads the ledger anew, whatever was kept of it. ``reread`` lets today's
+    reader read the replies of a run begun under an older one. Raises LedgerError or BankError where
+    the folder is no run, needs ``reread``, or holds calls that it does not plan. Raises SpecError
+    where independence is declared for a bank with episodes, or the run cannot be scored on these
+    ``frames``.
     """
     manifest, bank = read_run(path, reread=reread)
     require_scorable(path, manifest, bank, independent=independent, reread=reread)
@@ -234,7 +239,9 @@ def score(
             why = "its answers chose its frames" if manifest.stop_early else "it has none of them"
             raise SpecError(f"{path} cannot be scored on {len(chosen)} frames of its bank: {why}")
         manifest = replace(manifest, frames=asked)
-    return score_run(manifest, bank, path / LEDGER, resamples=resamples, independent=independent, held=True)
+    return score_run(
+        manifest, bank, path / LEDGER, resamples=resamples, independent=independent, held=True, fresh=fresh
+    )
 
 
 def require_scorable(
@@ -266,30 +273,33 @@ def score_run(
     resamples: int = 5000,
     independent: bool = False,
     held: bool = False,
+    fresh: bool = False,
 ) -> BatteryScore:
     """Score the calls in a ledger by a run's manifest and its bank.
 
-    With ``held`` each call is compared with the run's requests; raises LedgerError where one
-    differs.
+    With ``held`` the ledger's columns are kept in its run's folder, and each call is compared with
+    the run's requests; raises LedgerError where one differs. ``fresh`` reads them anew.
     """
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
     plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
-    with Ledger(ledger_path, sound=False) as ledger:
-        attempts = ledger.columns(plan.read, by_frame=bool(plan.space.columns))
-        if held:
-            require_requests(ledger_path, attempts, manifest, plan)
-        may, asked, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
-        series, said = series_of(manifest), dict[str, StepReplies]()
-        for spec in manifest.models:
-            asked[spec] = asked_of_model(plan, spec, answered(attempts, plan, spec), may, series=series)
-            said[spec] = unseeing(ledger.replies(spec)) if series else {}
-            reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
-            answers[spec] = answers_in(attempts, reading, spec, independent=independent, told=told)
-        wide, plan = widest(manifest, plan), staged(plan, asked)
-        courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
-        finished = ledger.finished() if courses else set()
-        spent, kept = taken(attempts, manifest, plan, read_prices(), courses)
+    attempts = attempts_of(ledger_path, plan, kept_in=ledger_path.parent if held else None, fresh=fresh)
+    if held:
+        require_requests(ledger_path, attempts, manifest, plan)
+    may, asked, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
+    series = series_of(manifest)
+    for spec in manifest.models:
+        asked[spec] = asked_of_model(plan, spec, answered(attempts, plan, spec), may, series=series)
+        reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
+        answers[spec] = answers_in(attempts, reading, spec, independent=independent, told=told)
+    wide, plan, said = widest(manifest, plan), staged(plan, asked), dict[str, StepReplies]()
+    courses, finished = dict[str, StoppingState](), set[CallKey]()
+    if series or manifest.stop_early:
+        with Ledger(ledger_path) as ledger:
+            said = {spec: unseeing(ledger.replies(spec)) for spec in manifest.models if series}
+            courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
+            finished = ledger.finished() if courses else set()
+    spent, guards = taken(attempts, manifest, plan, read_prices(), courses)
     stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
     for spec, course in courses.items():
         if stopped[spec] is not None:
@@ -302,7 +312,9 @@ def score_run(
             answers[spec] = replace(answers[spec].under(plan.asked(spec)), finished=came)
     statistics = {
         spec: _with_evidence(
-            statistics_of(answer.under(asked[spec].judged_of(plan)), how, independent=independent, said=said[spec]),
+            lazy_statistics(
+                answer.under(asked[spec].judged_of(plan)), how, independent=independent, said=said.get(spec)
+            ),
             courses.get(spec),
             stopped.get(spec),
         )
@@ -323,24 +335,44 @@ def score_run(
         )
         for spec, version in manifest.models.items()
     }
-    return BatteryScore(manifest, bank, models, spent, kept, independent, ledger_path.parent)
+    return BatteryScore(manifest, bank, models, spent, guards, independent, ledger_path.parent)
 
 
-def took(path: Path, *, prices: Prices | None = None) -> CallAccounts:
+def attempts_of(ledger: Path, plan: Plan, *, kept_in: Path | None = None, fresh: bool = False) -> Attempts:
+    """Return a ledger's attempts as columns, its replies read by a plan, or those kept in a folder.
+
+    Raises LedgerError where it is damaged.
+    """
+
+    def read() -> Attempts:
+        with Ledger(ledger, sound=False) as opened:
+            return opened.columns(plan.read, by_frame=bool(plan.space.columns))
+
+    return read() if kept_in is None else kept(kept_in, ["columns", plan.space.reader], read, COLUMNS, fresh=fresh)
+
+
+def took(path: Path, *, prices: Prices | None = None, fresh: bool = False) -> CallAccounts:
     """Return the cost of every model's calls, and whether the guards hold, without statistics."""
-    return took_run(*read_run(path), path / LEDGER, prices=prices)
+    return took_run(*read_run(path), path / LEDGER, prices=prices, kept_in=path, fresh=fresh)
 
 
 def took_run(
-    manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, prices: Prices | None = None
+    manifest: RunManifest,
+    bank: FrameBank,
+    ledger_path: Path,
+    *,
+    prices: Prices | None = None,
+    kept_in: Path | None = None,
+    fresh: bool = False,
 ) -> CallAccounts:
     """Return what `took` returns, from a run's manifest and its bank."""
     plan = plan_of(manifest, bank)
-    with Ledger(ledger_path) as ledger:
-        courses = EarlyStop(widest(manifest, plan), ledger).courses if manifest.stop_early else {}
-        attempts = ledger.columns(plan.read, by_frame=bool(plan.space.columns))
-        plan = staged(plan, stages_of(manifest, plan, attempts))
-        return taken(attempts, manifest, plan, prices or read_prices(), courses)
+    attempts, courses = attempts_of(ledger_path, plan, kept_in=kept_in, fresh=fresh), dict[str, StoppingState]()
+    if manifest.stop_early:
+        with Ledger(ledger_path) as ledger:
+            courses = EarlyStop(widest(manifest, plan), ledger).courses
+    plan = staged(plan, stages_of(manifest, plan, attempts))
+    return taken(attempts, manifest, plan, prices or read_prices(), courses)
 
 
 def taken(
@@ -352,7 +384,7 @@ def taken(
 ) -> CallAccounts:
     """Return costs and guards of a plan's calls; ``courses`` limit the calls of an early stop."""
     spent: dict[str, dict[str, Account]] = {}
-    kept: dict[str, tuple[Guard, ...]] = {}
+    found: dict[str, tuple[Guard, ...]] = {}
     requests = RequestChecks(attempts, manifest.models)
     for spec in manifest.models:
         mode, rows = manifest.mode(spec), attempts.of(spec)
@@ -362,8 +394,8 @@ def taken(
         spent[spec] = accounts_of(attempts, spec, prices.of(mode))
         said = spent[spec][ALL].words
         guards = guards_of(attempts, spec, mode, (calls, lacking(planned, ended)), manifest.fingerprint, said)
-        kept[spec] = (*guards, *requests.guards(spec))
-    return spent, kept
+        found[spec] = (*guards, *requests.guards(spec))
+    return spent, found
 
 
 def _wanted(plan: Plan, spec: str, course: StoppingState) -> dict[tuple[str, int], Mask]:
@@ -387,13 +419,13 @@ def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers
 
 def _with_evidence(
     statistics: Mapping[str, Statistic], course: StoppingState | None, stopped: StoppingPoint | None
-) -> dict[str, Statistic]:
+) -> Mapping[str, Statistic]:
     """Add the e-values of a run that stops early; remove what holds only at a fixed sample size.
 
     The tests that ``depth`` reads stay, because they used all frames.
     """
     if course is None:
-        return dict(statistics)
+        return statistics
     if stopped is None:
         return {**statistics, **course.statistics()}
     kept = {stopped.lateral_by, *(READ if stopped.whole else ())}
@@ -419,9 +451,17 @@ def statistics_of(
     answers: Answers, how: Resampling, *, independent: bool = False, said: StepReplies | None = None
 ) -> dict[str, Statistic]:
     """Return the paper's statistics, the calibrated tests and the series of one model, by name."""
+    return dict(lazy_statistics(answers, how, independent=independent, said=said))
+
+
+def lazy_statistics(
+    answers: Answers, how: Resampling, *, independent: bool = False, said: StepReplies | None = None
+) -> LazyStatistics:
+    """Return what `statistics_of` does, each computed when it is first read: a verdict reads half of them."""
     plain = answers.under([name for name in answers.decisions if OVER not in name or not step_in(name)])
-    tests = CalibratedTests(plain, how, independent).statistics()
-    return PaperStatistics(plain, how).statistics() | tests | series_statistics(answers, said or {})
+    tests = PaperStatistics(plain, how).tests() | CalibratedTests(plain, how, independent).tests()
+    steps = series_statistics(answers, said or {})
+    return LazyStatistics(tests | {name: partial(steps.__getitem__, name) for name in steps})
 
 
 def _corrected(

@@ -245,9 +245,9 @@ class SeriesResult:
 def results(statistics: Mapping[str, Statistic]) -> tuple[SeriesResult, ...]:
     """Return the result of each series in a model's statistics, in the order of the table."""
     found: dict[str, dict[int, StepEffect]] = {}
-    for name, one in statistics.items():
+    for name in statistics:
         step = step_of(name.removeprefix(f"{SERIES}."))
-        if step is not None and isinstance(one, StepEffect):
+        if step is not None and isinstance(one := statistics[name], StepEffect):
             found.setdefault(step[0].name, {})[step[1]] = one
     clean = statistics.get(CLEAN)
     seen = clean.holds if isinstance(clean, StepEffect) else None

@@ -15,7 +15,7 @@ from eyechart.manifest import RunManifest
 from eyechart.run import Plan, Stages, cells_of, in_order, lacking
 from eyechart.seeds import key_seed
 from eyechart.studies.battery.answers import Answers, Mask, answers_in, read_answers
-from eyechart.studies.battery.calibrated_statistics import CalibratedStatistics, CalibratedTests
+from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.series import every_step, most_left, next_steps
 from eyechart.verdicts import controls_wanted
@@ -69,14 +69,14 @@ Finished = Mapping[tuple[str, int], Mask]
 
 
 @dataclass(frozen=True)
-class Given:
+class ModelAnswers:
     """A model's answers under every condition that a run may have, and its finished calls."""
 
     answers: Callable[[Plan], Answers]
     finished: Callable[[], Finished]
 
 
-def answered(attempts: Attempts, plan: Plan, model: str) -> Given:
+def answered(attempts: Attempts, plan: Plan, model: str) -> ModelAnswers:
     """Return a model's answers in a ledger."""
 
     def finished() -> Finished:
@@ -85,13 +85,13 @@ def answered(attempts: Attempts, plan: Plan, model: str) -> Given:
         return attempts.cells(rows, plan.places, plan.study, plan.prompt.key)
 
     independent, told = plan.bank.manifest.independent, bool(plan.prompt.fields)
-    return Given(lambda wide: answers_in(attempts, wide, model, independent=independent, told=told), finished)
+    return ModelAnswers(lambda wide: answers_in(attempts, wide, model, independent=independent, told=told), finished)
 
 
-def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) -> Given:
+def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) -> ModelAnswers:
     """Return a model's answers in replies, the last of each call."""
     given, (independent, told) = list(replies), (plan.bank.manifest.independent, bool(plan.prompt.fields))
-    return Given(
+    return ModelAnswers(
         lambda wide: read_answers(model, given, wide, independent=independent, told=told),
         lambda: cells_of((key for key, reply in given if reply.error not in UNFINISHED), plan.places),
     )
@@ -100,7 +100,7 @@ def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) ->
 def asked_of_model(
     plan: Plan,
     model: str,
-    given: Given,
+    given: ModelAnswers,
     may: Sequence[str],
     begun: Sequence[str] = (),
     *,
@@ -121,8 +121,8 @@ def asked_of_model(
     while not lacking(replace(plan, controls={model: (*judged, *wanted)}).cells(model), finished):
         judged = (*judged, *wanted)
         part, sure = answers.under((*plan.conditions, *judged)), plan.bank.manifest.independent
-        statistics = CalibratedStatistics(
-            CalibratedTests(part, Resampling(seed=plan.seed), sure)
+        statistics = LazyStatistics(
+            CalibratedTests(part, Resampling(seed=plan.seed), sure).tests()
         )  # however the run is scored
         wanted = controls_wanted(statistics, supplied=may, asked=judged) if may else ()
         wanted = wanted or next_steps(part, series)

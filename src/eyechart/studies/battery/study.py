@@ -58,8 +58,8 @@ class FrameStudy(Study[S]):
         space = self.asked(run)[1]
         return plan_of(*read_run(run)).read if space.columns else read_in(space)
 
-    def took_run(self, run: Path, prices: Prices) -> RunCosts:
-        return RunCosts(*took(run, prices=prices), probes=dict(read_manifest(run).probes))
+    def took_run(self, run: Path, prices: Prices, *, fresh: bool = False) -> RunCosts:
+        return RunCosts(*took(run, prices=prices, fresh=fresh), probes=dict(read_manifest(run).probes))
 
     def require_scorable(self, run: Path, reading: ReadOptions) -> None:
         manifest, bank = read_run(run, reread=reading.reread)
@@ -80,6 +80,7 @@ class BatteryStudy(FrameStudy[BatteryScore]):
             folder,
             independent=reading.independent,
             reread=reading.reread,
+            fresh=reading.fresh,
             resamples=reading.resamples,
             frames=reading.frames,
         )

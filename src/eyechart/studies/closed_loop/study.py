@@ -227,7 +227,8 @@ class EpisodeStudy(Study[S]):
         manifest = self.manifest(run)
         return manifest, manifest.prompt.asks(manifest.action_space)
 
-    def took_run(self, run: Path, prices: Prices) -> RunCosts:
+    def took_run(self, run: Path, prices: Prices, *, fresh: bool = False) -> RunCosts:
+        del fresh  # of policies and drives no columns are kept
         manifest, space = self.asked(run)
         costs = RunCosts(probes=dict(manifest.probes))
         if (run / LEDGER).is_file():

@@ -46,7 +46,8 @@ class Policies(FrameStudy[PolicyScore]):
     def score(self, folder: Path, reading: ReadOptions) -> PolicyScore:
         return score(folder, reread=reading.reread)
 
-    def took_run(self, run: Path, prices: Prices) -> RunCosts:
+    def took_run(self, run: Path, prices: Prices, *, fresh: bool = False) -> RunCosts:
+        del fresh  # of policies and drives no columns are kept
         return RunCosts(*took(run, prices), probes=dict(read_manifest(run).probes))
 
     def require_scorable(self, run: Path, reading: ReadOptions) -> None:

@@ -1,0 +1,55 @@
+"""The words of a look: what its drawn pictures showed, and commands that can be pasted."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from eyechart.formats import FORMATS, format_of_data_set
+from eyechart.looks.answer import Look, NextStep, pasted
+from eyechart.looks.models import _may_be_blind, _sight
+from eyechart.modes import ModeMeasurements, RequestMode
+from eyechart.report.table import coded, number
+
+
+class Verdict:
+    """A verdict of which only the answer is read."""
+
+    def __init__(self, answer: str) -> None:
+        self.answer = answer
+
+
+@pytest.mark.parametrize("sees", [True, False, None])
+def test_a_look_says_that_a_model_sees_only_where_that_was_shown(sees: bool | None) -> None:  # noqa: FBT001
+    """A model that answers with actions alone has shown nothing, and a No beside it may be the road's."""
+    facts = {"picture": "none of 14 replies names any of the choices"}
+    mode = RequestMode("openai:m", measured=ModeMeasurements(date="2026-11-29", sees_image=sees, facts=facts))
+    assert ("it sees its pictures" in _sight(mode)) is (sees is True)
+    assert ("none of 14 replies" in _sight(mode)) is (sees is not True)
+    assert _may_be_blind(Verdict("No"), mode) is (sees is not True)  # type: ignore[arg-type]
+    assert not _may_be_blind(Verdict("Yes"), mode)  # type: ignore[arg-type]
+
+
+def test_python_code_is_pasted_as_it_was() -> None:
+    """A path with a blank and a long call stay one call, on lines of at most 80 columns."""
+    code = "eyechart.look(cautious, bank='/a folder/of mine/bank', prompt='FILE.toml', out='/a folder/of mine/looks-2')"
+    lines = [*pasted(code)]
+    assert max(map(len, lines)) <= 80
+    assert ast.dump(ast.parse("\n".join(lines).strip())) == ast.dump(ast.parse(code))
+    screen = str(Look("python:__main__:cautious", "No", "It does not.", next=(NextStep("try another", code),)))
+    assert "'eyechart.look(" not in screen
+
+
+def test_a_data_set_is_recognised_by_its_content(tmp_path: Path) -> None:
+    """HDF5 by its first bytes; where nothing tells, a LeRobotDataset, whose error says what is missing."""
+    (tmp_path / "demos").mkdir()
+    (tmp_path / "demos/one.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n")
+    assert format_of_data_set(tmp_path / "demos") is FORMATS["hdf5"]
+    assert format_of_data_set(tmp_path) is FORMATS["lerobot"]
+
+
+def test_names_in_backticks_are_code_and_no_zero_is_negative() -> None:
+    """And what stands in them is escaped."""
+    assert str(coded("not in `a<b`: 0")) == "not in <code>a&lt;b</code>: 0"
+    assert number(-0.0001) == "0.000"
+    assert number(-0.001) == "-0.001"
