@@ -1,5 +1,6 @@
 """Statistics of policies, written down by hand, and the verdicts on them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -45,7 +46,9 @@ GOOD = {
 LOST = {"unparsed: not_finite": 9, "timeout": 2, "refused": 4, "closed": 1}
 
 
-def verdict(*, left: int = 0, asked: MissingConditions | None = None, **changed: Statistic | None) -> PolicyVerdict:
+def verdict(
+    *, left: int = 0, asked: MissingConditions | None = None, reads: Sequence[str] = (), **changed: Statistic | None
+) -> PolicyVerdict:
     """Return the verdict on a policy that sees, hears and knows its state, but for what is changed.
 
     Where its cameras are ignored, or at a similar state, so is each of them, and no object is followed.
@@ -61,7 +64,14 @@ def verdict(*, left: int = 0, asked: MissingConditions | None = None, **changed:
         **{NAMES.get(name, name): one for name, one in (usual | changed).items() if one is not None},
     }
     return judge_policy(
-        "m", statistics, CHANNELS, scope="here.", missing=LOST, left=left, asked=asked or MissingConditions()
+        "m",
+        statistics,
+        CHANNELS,
+        scope="here.",
+        missing=LOST,
+        left=left,
+        reads=reads,
+        asked=asked or MissingConditions(),
     )
 
 

@@ -222,15 +222,15 @@ def test_a_channel_that_changes_not_one_bit_is_ignored_and_may_not_be_connected(
 def test_a_use_that_the_policy_declares_not_to_make_is_named_as_a_contradiction() -> None:
     """Of each such channel, and of none that it declares; nor where a use is not shown."""
     words = "it declares that it does not read it, which its answers contradict: let it declare that it does"
-    found = judge_policy("m", GOOD, CHANNELS, scope="here.", reads=("camera:top",))
-    assert words in found.instruction.because
-    assert words not in found.camera.because + found.cameras["top"].because
-    found = judge_policy("m", GOOD, CHANNELS, scope="here.", reads=("instruction",))
-    assert found.camera.label == "object_grounded"
-    assert words in found.camera.because
-    assert words not in found.instruction.because
-    for reads, changed in (((), GOOD), (("state",), {**GOOD, "T.swapped@cameras": OPEN})):
-        assert words not in judge_policy("m", changed, CHANNELS, scope="here.", reads=reads).camera.because
+    top = verdict(reads=("camera:top",))
+    assert words in top.instruction.because
+    assert words not in top.camera.because + top.cameras["top"].because
+    told = verdict(reads=("instruction",))
+    assert told.camera.label == "object_grounded"
+    assert words in told.camera.because
+    assert words not in told.instruction.because
+    for found in (verdict(), verdict(reads=("state",), swap=OPEN), verdict(reads=("state",), swap=IGNORED)):
+        assert words not in found.camera.because
 
 
 @pytest.mark.parametrize(

@@ -319,6 +319,10 @@ LAYOUTS: dict[str, RobotLayout] = {
         said="'observation.tactile' (2×2 numbers)",
     ),
     "one number": RobotLayout(width=1, names=None),
+    "words for numbers": RobotLayout(
+        rows=each(lambda row: row.update({ACTION: "go"})),
+        refused="info.json describes 'action' as 6 numbers, and the data files have it as no list of 6 numbers",
+    ),
     "one number in a list": RobotLayout(width=1, names=None, listed=True),
     "eighty numbers": RobotLayout(width=80, names=None),
     "a camera without pictures": RobotLayout(
@@ -394,8 +398,13 @@ def test_a_layout_is_read_as_it_was_written_or_refused_by_name(tmp_path: Path, n
     assert one.said in "\n".join(taken(bank))
 
 
-def test_all_but_three_layouts_are_read() -> None:
-    """The others are refused: what they say of words, films or seconds cannot be."""
+def test_all_but_four_layouts_are_read() -> None:
+    """The others are refused: what they say of words, films, seconds or numbers cannot be."""
     refused = [name for name, one in LAYOUTS.items() if one.refused]
-    assert refused == ["no words of tasks", "films that begin a frame late", "seconds of their own"]
+    assert refused == [
+        "no words of tasks",
+        "films that begin a frame late",
+        "words for numbers",
+        "seconds of their own",
+    ]
     assert len(LAYOUTS) - len(refused) >= 43

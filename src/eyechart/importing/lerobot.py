@@ -176,7 +176,10 @@ def import_lerobot(
         rig = _rig(data, ahead, choices)
         chosen = replace(choices, columns={**PLACES, **choices.columns}, prompt_columns=said, rig=rig)
         data.timeline.needed += _numbers(rig)
-    kept = keep(_table(data, reads, tuple(data.reels) if ahead is not None else (FILE,)), chosen)
+    table = _table(data, reads, tuple(data.reels) if ahead is not None else (FILE,))
+    if ahead is not None:
+        _require_numbers(data, _features_of(data, ahead), table.columns)
+    kept = keep(table, chosen)
     if TASK in chosen.prompt_columns:
         _require_words(kept, data)
     elif data.tasks:
@@ -315,6 +318,15 @@ def _numbers(rig: SensorLayout) -> list[str]:
     """Return the columns of a rig's states and motions."""
     done = () if rig.motion is None else rig.motion.number
     return [*(column for many in rig.state.values() for column in many), *(one.column for one in done)]
+
+
+def _require_numbers(data: Dataset, features: Sequence[Sequence[str]], columns: Sequence[str]) -> None:
+    """Raise SourceError if the data have no numbers of a feature that info.json describes as such."""
+    for name in (name for many in features for name in many):
+        if not {*_columns(data.features, name)} <= {*columns}:
+            count = len(_columns(data.features, name))
+            has = f"as no list of {count} numbers" if name in columns else "in no column that is read"
+            raise SourceError(f"{data.about} describes '{name}' as {count} numbers, and the data files have it {has}")
 
 
 def _no_action(data: Dataset) -> str:
