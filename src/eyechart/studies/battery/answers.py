@@ -34,8 +34,7 @@ _FEW = 100
 
 NO_GAP = "the bank records no gap"
 NO_EPISODES = (
-    "the bank records no episodes, and its frames were not declared independent ('eyechart frames import "
-    "--independent')"
+    "the bank records no episodes, and its frames were not declared independent (--independent of its import)"
 )
 
 
