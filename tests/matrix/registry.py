@@ -146,7 +146,7 @@ DRIVEN: dict[tuple[str, str], str] = {
 NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.__main__", "_interrupted"): "writes one line as the process ends: tests/cli/test_interrupted.py",
     ("eyechart.cli.help", "_write"): "writes into the text of a help: tests/cli/test_cli.py",
-    ("eyechart.formats", "Format.importer"): "imports a module of eyechart's own: tests/test_importing_formats.py",
+    ("eyechart.formats", "Format._function"): "imports a module of eyechart's own: tests/test_importing_formats.py",
     (
         "eyechart.bundle.differences",
         "_compare_csv",
@@ -234,7 +234,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ): "is a server that runs until it is ended: tests/test_serve_bounds.py, benchmarks/hostile_serve.py",
     ("eyechart.manifest", "_take_added"): "follows what came to a bank: tests/simulators/test_adding.py",
     ("eyechart.frames.folder", "replace_manifest"): "adds to a bank, cut off anywhere: tests/simulators/test_adding.py",
-    ("eyechart.importing.edit_record", "read_edit"): "damaged, and at odds with its pictures: tests/test_provenance.py",
+    ("eyechart.importing.edit_record", "_read"): "damaged, and at odds with its pictures: tests/test_provenance.py",
     ("eyechart.simulators.additions", "_place"): "adds to a bank, cut off anywhere: tests/simulators/test_adding.py",
     ("eyechart.simulators.additions", "_write"): "adds to a bank, cut off anywhere: tests/simulators/test_adding.py",
     ("eyechart.simulators.banks", "redraw"): "draws older banks again: tests/simulators",
