@@ -146,7 +146,7 @@ DRIVEN: dict[tuple[str, str], str] = {
 NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.__main__", "_interrupted"): "writes one line as the process ends: tests/cli/test_interrupted.py",
     ("eyechart.cli.help", "_write"): "writes into the text of a help: tests/cli/test_cli.py",
-    ("eyechart.formats", "Format.importer"): "imports a module of eyechart's own: tests/test_importing_formats.py",
+    ("eyechart.formats", "Format._function"): "imports a module of eyechart's own: tests/test_importing_formats.py",
     (
         "eyechart.bundle.differences",
         "_compare_csv",
