@@ -70,8 +70,8 @@ help:
 	@echo "make long-policies  the rules on policies, in simulated settings that were fixed before"
 	@echo "make long-policy-draws  the trained policies again: other draws, other episodes, other numbers of threads"
 	@echo "make long-lerobot   a data set by LeRobot's own writer, from import to gate: verdicts, time and memory"
-	@echo "make long-act long-checkpoints       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
-	@echo "make long-checkpoints  ACT's checkpoints as lerobot:CHECKPOINT and as a callable: opposite verdicts, the same in both ways"
+	@echo "make long-act       LeRobot's ACT, trained with and without a state that tells it all: opposite verdicts"
+	@echo "make long-checkpoints  LeRobot's own data sets to the bit; ACT, VQ-BeT and Diffusion as lerobot:CHECKPOINT, from import to gate"
 	@echo "make long-diffusion LeRobot's DiffusionPolicy, asked with one seed and without: are the verdicts equal?"
 	@echo "make long-coverage how often each printed interval holds a known truth, and how wide it is"
 	@echo "make mutants      small faults put into the rules and the statistics one at a time: how many the tests notice"
@@ -237,7 +237,7 @@ long-act:
 	$(LEROBOT_PYTHON) benchmarks/act_tabletop.py
 
 long-checkpoints:
-	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has lerobot[dataset] and eyechart"; exit 2; }
+	@test -n "$(LEROBOT_PYTHON)" || { echo "LEROBOT_PYTHON names a Python that has lerobot[dataset,diffusion] and eyechart"; exit 2; }
 	$(LEROBOT_PYTHON) benchmarks/lerobot_checkpoints.py
 
 long-diffusion:
