@@ -171,7 +171,7 @@ class RequestChecks:
     def __init__(self, attempts: Attempts, models: Iterable[str]) -> None:
         self._unlike: dict[str, dict[tuple[str, ...], None]] = {}
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *map(attempts.of, models)])
-        rows = rows[attempts.request[rows] != 0]
+        rows = rows[attempts.request[rows] >= 0]
         asked = np.zeros(len(rows), dtype=np.int64)
         for name in _ASKED:
             asked = asked * len(attempts.names[name]) + attempts.codes[name][rows]

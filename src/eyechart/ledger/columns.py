@@ -67,7 +67,7 @@ class Attempts:
     ``number`` the attempts at each from 1. ``came`` says that a reply came, ``final`` that it
     finished the call. ``decision`` is a place in ``decisions``, -1 without a reply. ``silent`` says
     that a reply has no text, ``thought`` that it has a reasoning. ``request`` is a hash of the
-    request's digest. ``whole`` are numbers of tokens, -1 where unknown, ``real`` seconds, dollars
+    request's digest, -1 without one. ``whole`` are numbers of tokens, -1 where unknown, ``real`` seconds, dollars
     and joules, NaN where unknown; a number that no reply has is left out. ``served`` holds, by model
     and by what named itself in replies without an error, their number and the times of the first and
     last. ``texts`` are the distinct replies of each model, up to `TEXTS_KEPT`.
@@ -377,11 +377,11 @@ class _Gather:
 
 
 def hashed(digest: str) -> int:
-    """Return the first 60 bits of a hexadecimal digest as a number; 0 without one."""
+    """Return the first 60 bits of a hexadecimal digest as a number; -1 without one."""
     try:
-        return int(digest[:15] or "0", 16)
+        return int(digest[:15], 16) if digest else -1
     except ValueError:  # no digest of ours
-        return hash(digest)
+        return int(hashlib.sha256(digest.encode(errors="surrogatepass")).hexdigest()[:15], 16)
 
 
 def written(attempts: Attempts) -> bytes | None:

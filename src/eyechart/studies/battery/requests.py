@@ -55,7 +55,7 @@ def _asked_in(attempts: Attempts, plan: Plan) -> Iterator[list[int]]:
     They come in the order of the first calls, up to `MANY` frames of a condition.
     """
     rows = np.concatenate([np.zeros(0, dtype=np.int64), *map(attempts.of, plan.models)])
-    rows = rows[attempts.request[rows] != 0]
+    rows = rows[attempts.request[rows] >= 0]
     conditions, frames = (attempts.codes[name][rows].astype(np.int64) for name in ("condition", "frame"))
     shown = conditions * len(attempts.names["frame"]) + frames
     first = np.sort(np.unique(shown, return_index=True)[1])
