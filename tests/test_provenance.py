@@ -7,9 +7,10 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -341,6 +342,8 @@ def test_a_bank_is_declared_in_place_and_its_runs_stay_valid(tmp_path: Path) -> 
     run = tmp_path / "run"
     words = ["run", "battery", "--frames", str(root), "--model", "scripted:depth", "--out", str(run)]
     assert CliRunner().invoke(app, words).exit_code == 0
+    printed = json.loads(CliRunner().invoke(app, ["verdict", str(run), "--json"]).stdout)
+    assert printed["models"]["scripted:depth"]["made"] == ""
     said = CliRunner().invoke(app, ["frames", "declare", str(root), str(run), "--made", "staged"])
     assert said.exit_code == 0, said.output
     assert "its control pictures are staged; before: not said" in said.output
@@ -438,18 +441,34 @@ def test_all_folders_are_checked_before_one_is_declared(tmp_path: Path) -> None:
     assert open_bank(root).manifest.provenance == ""
 
 
-def test_a_gate_on_edited_evidence_writes_nothing(tmp_path: Path) -> None:
-    """It reads a run, so that a full disk, a read-only folder and a kill find nothing to harm."""
+def test_a_gate_on_edited_evidence_changes_nothing_and_needs_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It reads a run and may keep its reading; where nothing can be written it says the same."""
     record(banks.build_bank(tmp_path / "made").root)
     root, run = _import_again(tmp_path), tmp_path / "run"
     words = ["run", "battery", "--frames", str(root), "--model", "scripted:depth", "--out", str(run)]
     assert CliRunner().invoke(app, words).exit_code == 0
-    before = everything(run)
+    before = everything(root)
     words = ["gate", str(run), "--require", "depth", "--evidence", "edited", "--json"]
+
+    def refusing(does: Callable[..., Path | None]) -> Callable[..., Path | None]:
+        def fails(path: Path, *more: Any, **named: Any) -> Path | None:  # noqa: ANN401 - as it takes them
+            if path.is_relative_to(run):
+                raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+            return does(path, *more, **named)
+
+        return fails
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "mkdir", refusing(Path.mkdir))
+        patched.setattr(Path, "replace", refusing(Path.replace))
+        refused = CliRunner().invoke(app, words)
+        assert everything(root) == before
     said = CliRunner().invoke(app, words)
-    assert said.exit_code == 2, said.output
+    assert (refused.exit_code, refused.stdout) == (said.exit_code, said.stdout) == (2, said.stdout)
     assert json.loads(said.stdout)["checks"]
-    assert everything(run) == before
+    assert {file: content for file, content in everything(root).items() if "/.reading/" not in file} == before
 
 
 @pytest.mark.parametrize(("made", "says"), [("staged", "rendered the pictures"), ("edited", "they are not edited")])
