@@ -292,13 +292,8 @@ def score_run(
         asked[spec] = asked_of_model(plan, spec, answered(attempts, plan, spec), may, series=series)
         reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
         answers[spec] = answers_in(attempts, reading, spec, independent=independent, told=told)
-    wide, plan, said = widest(manifest, plan), staged(plan, asked), dict[str, StepReplies]()
-    courses, finished = dict[str, StoppingState](), set[CallKey]()
-    if series or manifest.stop_early:
-        with Ledger(ledger_path) as ledger:
-            said = {spec: unseeing(ledger.replies(spec)) for spec in manifest.models if series}
-            courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
-            finished = ledger.finished() if courses else set()
+    wide, plan = widest(manifest, plan), staged(plan, asked)
+    courses, finished, said = _further(manifest, wide, ledger_path)
     spent, guards = taken(attempts, manifest, plan, read_prices(), courses)
     stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
     for spec, course in courses.items():
@@ -336,6 +331,19 @@ def score_run(
         for spec, version in manifest.models.items()
     }
     return BatteryScore(manifest, bank, models, spent, guards, independent, ledger_path.parent)
+
+
+def _further(
+    manifest: RunManifest, wide: Plan, ledger_path: Path
+) -> tuple[dict[str, StoppingState], set[CallKey], dict[str, StepReplies]]:
+    """Return what columns do not tell: the course of an early stop, its finished calls, and words at each step."""
+    series = series_of(manifest)
+    if not (series or manifest.stop_early):
+        return {}, set(), {}
+    with Ledger(ledger_path) as ledger:
+        said = {spec: unseeing(ledger.replies(spec)) for spec in manifest.models if series}
+        courses = EarlyStop(wide, ledger).courses if manifest.stop_early else {}
+        return courses, ledger.finished() if courses else set(), said
 
 
 def attempts_of(ledger: Path, plan: Plan, *, kept_in: Path | None = None, fresh: bool = False) -> Attempts:
