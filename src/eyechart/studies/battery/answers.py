@@ -33,9 +33,7 @@ _FEW = 100
 """With fewer actions it is quicker to count the pairs of a column than to sort them."""
 
 NO_GAP = "the bank records no gap"
-NO_EPISODES = (
-    "the bank records no episodes, and its frames were not declared independent (--independent of its import)"
-)
+NO_EPISODES = "the bank records no episodes, and its frames were not declared independent (--independent of its import)"
 
 
 @dataclass(frozen=True)
