@@ -29,6 +29,8 @@ OWN = {
     "bundle/validation.py",
     "cli/options.py",
     "inspect.py",
+    "kept.py",
+    "ledger/columns.py",
     "ledger/counter.py",
     "models/faults.py",
     "models/http.py",

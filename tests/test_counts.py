@@ -14,7 +14,7 @@ import report_runs
 import stand_ins
 from eyechart.calls import KINDS, Query, Reply
 from eyechart.cli.app import app
-from eyechart.ledger import Ledger
+from eyechart.ledger import Ledger, ledger
 from eyechart.limits import Limits
 from eyechart.manifest import LEDGER
 from eyechart.models import ADAPTERS
@@ -86,11 +86,11 @@ def from_ledger(run: Path) -> dict[str, int]:
 
 def test_costs_are_derived_once(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both tables, of calls and of decisions, come from one reading of the ledger."""
-    read, attempts = list[str](), Ledger.attempts
-    monkeypatch.setattr(Ledger, "attempts", lambda self, model: read.append(model) or attempts(self, model))
-    said = told("costs", str(run))
+    read, columns = list[bool](), ledger.read_columns
+    monkeypatch.setattr(ledger, "read_columns", lambda *given, **how: read.append(True) or columns(*given, **how))
+    said = told("costs", str(run), "--fresh")
     assert "per 1000" in re.sub(r"\s+", " ", said)
-    assert read == [SPEC]
+    assert read == [True]
 
 
 def test_every_command_says_the_same(run: Path, tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def test_a_lack_is_said_in_one_line(
     def lacking(**_: object) -> None:
         raise raised
 
-    monkeypatch.setattr("eyechart.cli.app.app", lacking)
+    monkeypatch.setattr("eyechart.cli.app.named", lambda _: lacking)
     monkeypatch.setattr(sys, "argv", ["eyechart", "verdict", "run"])
     with pytest.raises(SystemExit) as left:
         cli.main()

@@ -177,7 +177,7 @@ def test_a_role_is_taken_as_it_is_annotated(tmp_path: Path) -> None:
         ("kitti", "Car a b c", "000000.txt, line 1: could not convert string to float: 'a'"),
         ("kitti", "Car 0 0 0 90 50 60 80 1 1 4 0 1 9 0", "000000.txt, line 1: its box is empty"),
         ("yolo", "0 0.5 0.5 0.1", "000000.txt, line 1 has not the class and four numbers of a box"),
-        ("yolo", "0 120 40 30 20", "its numbers are no shares of the picture"),
+        ("yolo", "0 120 40 30 20", "its numbers must be shares of the picture"),
         ("yolo", "0 0.5 0.5 0.1 0.1 -4", "the distance is -4; it is more than 0"),
         ("yolo", "0 0.5 0.5 0 0.1", "its box is empty"),
         ("mot", "99,1,2,3,4,5", "there is no picture of instant 99"),

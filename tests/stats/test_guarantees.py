@@ -111,10 +111,10 @@ def test_the_conformal_threshold_keeps_the_risk_in_expectation() -> None:
     assert np.mean(next_losses) <= 0.12
     assert np.max(next_losses) > 0.12
     assert conformal_threshold(np.ones((3, 5)), 0.5)[0] is None
-    with pytest.raises(ValueError, match="do not fall"):
+    with pytest.raises(ValueError, match="must not fall"):
         conformal_threshold(np.array([[0.5], [0.2]]), 0.5)
     for loss in (-0.01, 1.01):
-        with pytest.raises(ValueError, match=r"shares in \[0, 1\]"):
+        with pytest.raises(ValueError, match=r"must lie in \[0, 1\]"):
             conformal_threshold(np.array([[loss]]), 0.5)
 
 

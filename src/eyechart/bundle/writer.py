@@ -13,6 +13,7 @@ from eyechart.bundle.reader import check_names
 from eyechart.destination import require_free, whole
 from eyechart.errors import BundleError, SpecError
 from eyechart.frames import FrameBank, inside, open_bank, read_bounded
+from eyechart.kept import FOLDER as READINGS
 from eyechart.ledger import Ledger
 from eyechart.manifest import BANK, BANK_TEXT, LEDGER, RUN, RunManifest, asked_of, read_run
 from eyechart.scratch import scratch
@@ -119,7 +120,8 @@ def _snapshot(run: Path, copy: Path, manifest: RunManifest, pictures: FrameBank)
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    return (path for path in sorted(folder.rglob("*")) if path.is_file())
+    """Return the files of a bundle: what a command keeps of its readings is none."""
+    return (path for path in sorted(folder.rglob("*")) if path.is_file() and path.parent.name != READINGS)
 
 
 def _pack(folder: Path, out: Path) -> None:

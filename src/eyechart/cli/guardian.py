@@ -88,7 +88,7 @@ class VoteSource:
 class CostOptions:
     """Costs of a wrong answer and of an abstention, in any unit."""
 
-    cost_miss: Annotated[float | None, typer.Option(help="Cost of a missed hazard; needs --cost-false-alarm.")] = None
+    cost_miss: Annotated[float | None, typer.Option(help="Cost of a missed hazard; needs the cost below.")] = None
     cost_false_alarm: Annotated[float | None, typer.Option(help="Cost of a false alarm; needs --cost-miss.")] = None
     cost_abstain: Annotated[
         float | None, typer.Option(help="Cost of an abstention; the operating point is then chosen too.")

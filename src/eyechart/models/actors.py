@@ -1,17 +1,19 @@
 """Models held by actors on a Ray cluster: the coordinator plans and records, the actors answer."""
 
-import asyncio
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eyechart.calls import Query, Reply
 from eyechart.clusters import actor, join, require_gpus
 from eyechart.errors import SpecError
+from eyechart.event_loops import asyncio
 from eyechart.models import Model, ask, open_model
 from eyechart.models.batches import Batches
 from eyechart.modes import RequestMode
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 OPENING_S = 600.0
 """The longest time in seconds in which the actors of a model must have opened it."""
