@@ -22,7 +22,7 @@ from eyechart.frames import Stimulus, open_bank
 from eyechart.ledger import Ledger
 from eyechart.manifest import read_manifest
 from eyechart.models import ask
-from eyechart.models.python_callable import PythonCallable
+from eyechart.models.python_callable import PythonCallable, _CallThread
 from eyechart.modes import RequestMode
 from eyechart.overview import read_index
 from eyechart.studies import ReadOptions, study_of
@@ -77,6 +77,7 @@ def test_a_call_whose_thread_cannot_begin_was_not_made(monkeypatch: pytest.Monke
     def no_room(_: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")
 
+    _CallThread.end_free()  # an earlier call's would be taken
     monkeypatch.setattr(threading.Thread, "start", no_room)
     model = PythonCallable(lambda _prompt, _image: "STOP", RequestMode("python:m:f"), "v", {})
     reply = asyncio.run(ask(model, Query("", "go", Stimulus({}), 1)))

@@ -14,6 +14,7 @@ the oldest first and the frame last.
 """
 
 import asyncio
+import atexit
 import hashlib
 import inspect
 import sys
@@ -56,6 +57,9 @@ _FIRST: WeakKeyDictionary[object, str] = WeakKeyDictionary()
 
 _CALL, _FREE = "eyechart-call", "eyechart-free"
 """The names of threads that call callables, and of those that are kept for further calls."""
+
+_END_S = 1.0
+"""The longest that the program's end waits for a thread without a call."""
 
 HISTORIES = f"a whole number from 0 to {MOST_HISTORY}, of instants before the frame: LeRobot's n_obs_steps less 1"
 """The allowed values of ``history``, in words."""
@@ -225,7 +229,22 @@ class _CallThread(threading.Thread):
                     thread.name = _CALL
                     return thread
         (thread := cls()).start()
+        atexit.unregister(cls.end_free)
+        atexit.register(cls.end_free)  # the last to be registered runs first: before the called code's own
         return thread
+
+    @classmethod
+    def end_free(cls) -> None:
+        """End the threads without a call: a library may abort if the interpreter ends below a thread."""
+        with suppress(IndexError):  # none is left
+            while True:
+                cls._free.pop().end()  # without the lock, which a process that was forked may find held
+
+    def end(self) -> None:
+        """End this thread, which has no call."""
+        self._given_up = True
+        self._queue.put(lambda: int)  # a call of nothing
+        self.join(_END_S)
 
     def make(self, work: Work) -> None:
         """Make a call in this thread, which has none."""
