@@ -310,7 +310,7 @@ def test_a_file_without_a_rate_does_not_take_that_of_another(tmp_path: Path) -> 
     for name in ("a", "b"):
         robomimic(tmp_path / f"set/{name}.hdf5")
     edit(told("env_args", "{}"))(tmp_path / "set/b.hdf5")
-    with pytest.raises(SourceError, match=r"rate \(the files have 20, and some have none\)"):
+    with pytest.raises(SourceError, match=r"rate=N \(the files have 20, and some have none\)"):
         bank_of(tmp_path / "set", Horizon(2, "delta"))
 
 
