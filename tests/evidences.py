@@ -150,6 +150,7 @@ REWORDED: Mapping[str, str] = {
     ),
     r"; settled too: ": "; so are ",
     r"calls, as (\w+) was settled": r"calls, by \1",
+    r"; it declares that it does not read it, which its answers contradict: let it declare that it does": "",
     r",? with the instants that it is given; a policy that needs earlier ones declares history": "",
 }
 """Sentences that are clearer since, by a pattern, and what stood there when digests were recorded."""

@@ -231,6 +231,8 @@ def test_a_use_that_the_policy_declares_not_to_make_is_named_as_a_contradiction(
     assert words not in told.instruction.because
     for found in (verdict(), verdict(reads=("state",), swap=OPEN), verdict(reads=("state",), swap=IGNORED)):
         assert words not in found.camera.because
+    told_nothing_else = verdict(reads=("state",), told=None)
+    assert words not in told_nothing_else.instruction.because
 
 
 @pytest.mark.parametrize(

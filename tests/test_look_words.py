@@ -48,8 +48,9 @@ def test_a_data_set_is_recognised_by_its_content(tmp_path: Path) -> None:
     assert format_of_data_set(tmp_path) is FORMATS["lerobot"]
 
 
-def test_names_in_backticks_are_code_and_no_zero_is_negative() -> None:
-    """And what stands in them is escaped."""
+def test_a_place_in_backticks_is_code_and_no_zero_is_negative() -> None:
+    """What stands in them is escaped; backticks of others are text."""
     assert str(coded("not in `a<b`: 0")) == "not in <code>a&lt;b</code>: 0"
+    assert str(coded("its reply `d` and **e**")) == "its reply `d` and **e**"
     assert number(-0.0001) == "0.000"
     assert number(-0.001) == "-0.001"

@@ -24,8 +24,11 @@ Kind = Literal["text", "word", "count", "number", "interval", "p", "estimate"]
 
 _UNKNOWN = frozenset({"", "—", "unknown", "not measured"})
 """Texts of a cell with an unknown value."""
-_COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)|`([^`\n]+)`")
-"""A command that is quoted in a sentence, an option, or a name in backticks."""
+_COMMAND = re.compile(r"'(eyechart [^'\n]+)'|(?<![\w-])(--[a-z][a-z-]*)|(?<=\bin )`([^`\n]+)`")
+"""A command that is quoted in a sentence, an option, or the place that a sentence says something is in.
+
+Backticks of others, as in a reply or a model's name, stay text.
+"""
 
 MARK = "!"
 """The mark of a verdict whose run failed a sanity check; the check is explained below the table."""
@@ -507,7 +510,7 @@ def _plain_sign(sign: str) -> str:
 
 
 def coded(text: str) -> Markup:
-    """Return a sentence as HTML; names and commands are code, and these break only between words."""
+    """Return a sentence as HTML; places and commands are code, and these break only between words."""
     made, end = "", 0
     for found in _COMMAND.finditer(text):
         made += escape(text[end : found.start()])

@@ -81,7 +81,10 @@ class Place:
         """Return the part's name in words."""
         if self.of == "range":
             return f"from {self.name}"
-        return f"in `{self.name}`" if self.of == "scenario" else f"where {self.of} is {self.name}"
+        if self.of == "scenario":
+            name = self.name.replace("`", "'")  # one pair of backticks, whatever a bank calls it
+            return f"in `{name}`"
+        return f"where {self.of} is {self.name}"
 
     def __str__(self) -> str:
         return f"{self.where}: {self.harder} of {self.frames}"

@@ -233,7 +233,7 @@ def _reached(ruling: Ruling, reaches: Ruling, alone: str, *, unread: bool) -> Ax
         said.insert(len(said) if absent else 0, reaches.reason)
     elif still and absent:
         said[-1] += "; it declares that it does not read it"
-    elif unread and not absent and ruling.label != "undecided":
+    elif unread and not absent and not USES[ruling.label].is_open:
         said[-1] += "; it declares that it does not read it, which its answers contradict: let it declare that it does"
     if alone:
         said[-1] += f"; {alone}"
