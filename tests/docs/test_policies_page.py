@@ -30,7 +30,7 @@ def test_the_function_is_a_policy_and_the_example_in_python_runs(
         exec(compile(cell, "docs/policies.md", "exec"), session)  # noqa: S102 - it is what is tested
     printed = capsys.readouterr().out
     assert "AMISS       state" not in printed
-    assert "camera_content state_used instruction_ignored []\n" in printed
+    assert "camera_content state_used instruction_ignored\n[]\n" in printed
     assert "trained:sees, step 10000 → trained:one_object, step 20000: camera " in printed
     assert (tmp_path / "report.html").is_file()
     from eyechart.frames import open_bank  # noqa: PLC0415 - the page made the bank
