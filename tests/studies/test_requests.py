@@ -108,6 +108,14 @@ def test_a_row_that_asked_something_else_is_no_verdict(bank: FrameBank, tmp_path
     assert ASKED_ELSE in words
 
 
+@pytest.mark.parametrize("digest", ["-" + "1" * 63, "0x" + "1" * 62, "+1_1" + " " * 60, "no digest"])
+def test_a_digest_that_is_none_is_held_to_the_run_too(bank: FrameBank, tmp_path: Path, digest: str) -> None:
+    """A row is passed over only where it has no digest at all, as the rows of the first ledgers."""
+    run, seen = asked(bank, tmp_path / "run"), iter([True])
+    change(run, lambda name: name == "real" and next(seen, False), digest)
+    assert ASKED_ELSE in said("verdict", run)
+
+
 def test_a_run_does_not_go_on_with_a_ledger_that_asked_something_else(bank: FrameBank, tmp_path: Path) -> None:
     """Before anything is asked."""
     run = asked(bank, tmp_path / "run", extent=battery.BatterySelection(limit=8))

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -40,6 +41,7 @@ _REAL = ("seconds", "first_byte_s", "cost_usd", "energy_j")
 _NAMES = tuple(_AT[name] for name in ("served", "provider", "system_fingerprint", "payload_sha256"))
 _AT_ONCE = 20_000
 _READ_AT_MOST = 100_000
+_SHA256 = re.compile(r"[0-9a-f]{64}").fullmatch
 TEXTS_KEPT = 1000
 """The most distinct texts of a model that are told apart."""
 AGAIN_SHOWN = ("real", "real_repeat")
@@ -66,11 +68,12 @@ class Attempts:
     ``codes`` holds by name the numbers of the words in ``names``. ``call`` numbers the calls, and
     ``number`` the attempts at each from 1. ``came`` says that a reply came, ``final`` that it
     finished the call. ``decision`` is a place in ``decisions``, -1 without a reply. ``silent`` says
-    that a reply has no text, ``thought`` that it has a reasoning. ``request`` is a hash of the
-    request's digest, -1 without one. ``whole`` are numbers of tokens, -1 where unknown, ``real`` seconds, dollars
-    and joules, NaN where unknown; a number that no reply has is left out. ``served`` holds, by model
-    and by what named itself in replies without an error, their number and the times of the first and
-    last. ``texts`` are the distinct replies of each model, up to `TEXTS_KEPT`.
+    that a reply has no text, ``thought`` that it has a reasoning. ``request`` is the request's digest
+    as a number (`hashed`), -1 without one. ``whole`` are numbers of tokens, -1 where unknown, and
+    ``real`` seconds, dollars and joules, NaN where unknown. A number that no reply has is left out.
+    ``served`` holds, by model and by what named itself in replies without an error, their number and
+    the times of the first and last. ``texts`` are the distinct replies of each model, up to
+    `TEXTS_KEPT`.
     """
 
     names: Mapping[str, tuple[Any, ...]]
@@ -377,11 +380,12 @@ class _Gather:
 
 
 def hashed(digest: str) -> int:
-    """Return the first 60 bits of a hexadecimal digest as a number; -1 without one."""
-    try:
-        return int(digest[:15], 16) if digest else -1
-    except ValueError:  # no digest of ours
-        return int(hashlib.sha256(digest.encode(errors="surrogatepass")).hexdigest()[:15], 16)
+    """Return a request's digest as a number of 60 bits, from 0; -1 without one."""
+    if not digest:
+        return -1
+    if _SHA256(digest) is None:  # no digest of ours
+        digest = hashlib.sha256(digest.encode(errors="surrogatepass")).hexdigest()
+    return int(digest[:15], 16)
 
 
 def written(attempts: Attempts) -> bytes | None:
