@@ -23,6 +23,9 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 # One process more than there are processors: many tests wait for a server, a child or a clock.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 1)))')
 
+# Where memory has room for them, the folders of tests lie there: a disk would be asked to keep each call of each run.
+export PYTEST_DEBUG_TEMPROOT := $(shell $(PYTHON) -c 'import os, shutil; m = "/dev/shm"; print(m if os.access(m, os.W_OK) and shutil.disk_usage(m).free > 4 << 30 else "")')
+
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
 .PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-ray long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
