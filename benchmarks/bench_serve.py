@@ -7,6 +7,7 @@ fixed rate, whatever comes back. Half-way one model server is ended: from then o
 
 Exits 1 where the server ended, a request was answered after its deadline or not at all, something was called clear that
 a dead model should have voted on, or memory grew by more than a tenth after the first quarter.
+Writes ``results/bench_serve.json``.
 """
 
 import argparse
@@ -34,6 +35,7 @@ from eyechart.modes import RequestMode
 from eyechart.prompts import SCENE
 from eyechart.studies import guardian as study
 from eyechart.studies.guardian import VOTED
+from pairs import keep
 
 DEADLINE_S = 2.0
 GRACE_S = 0.5
@@ -307,6 +309,7 @@ def main() -> int:
         asyncio.run(stand())
         return 0
     found = asyncio.run(measure(asked.seconds, asked.rate))
+    keep("bench_serve", {"seconds": asked.seconds, "rate": asked.rate, **found})
     if asked.json:
         print(json.dumps(found))
     else:
