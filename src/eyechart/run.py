@@ -93,9 +93,14 @@ class Plan:
         shown = {name: [frame.id for frame in self.frames if is_available(name, frame)] for name in SAMPLED}
         return {name: sample(name, ids, calls, self.seed) for name, ids in shown.items() if name not in self.conditions}
 
-    def stimuli(self) -> Stimuli:
-        """Return the stimuli, each made once."""
-        return Stimuli(self.bank, self.seed, self.view)
+    def stimuli(self, *, kept: bool = True) -> Stimuli:
+        """Return the stimuli, each made once as long as they are ``kept``."""
+        return Stimuli(self.bank, self.seed, self.view, kept=kept)
+
+    @property
+    def shows_once(self) -> bool:
+        """Return whether no two calls of a run have the same stimulus, but for its repeats."""
+        return len(self.models) == 1
 
     def shows(self, condition: str, frame: Frame) -> bool:
         """Return whether a frame can be shown under a condition."""
@@ -203,6 +208,11 @@ class MotionPlan(Plan):
     def motions(self) -> MotionSpace:
         """Return the space of motions."""
         return require_motions(self.space)
+
+    @property
+    def shows_once(self) -> bool:
+        """Return whether no two calls have the same stimulus: a policy may answer one several times."""
+        return False
 
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return a policy's query in a call."""
@@ -343,7 +353,7 @@ class _Execution:
         """Make these calls, and those that the stages add."""
         budget = budget_of(self.limits, self.plan.models, self.ledger)
         self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again, lacks=self.plan.lacks)
-        self.stimuli = self.plan.stimuli()
+        self.stimuli = self.plan.stimuli(kept=not self.plan.shows_once)
         to_the_end(self._run(todo))
         outcome = RunOutcome(
             dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting()
@@ -394,7 +404,6 @@ class _Execution:
                 self.stages.finished(key, made.reply)
             self.done += made.finished  # after the await, because other workers count too
             self._report()
-            await asyncio.sleep(0)  # lets other models' calls and interrupts in
 
     def _report(self) -> None:
         if self.progress is not None:
