@@ -344,7 +344,11 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 def bounded(reply: Reply) -> Reply:
     """Return a reply without impossible numbers: NaN, infinite, negative, or beyond `MOST`."""
     numbers = zip(MOST.items(), _numbers(reply), strict=True)
-    wrong = [name for (name, most), one in numbers if one is not None and isinstance(one, (int, float)) and not 0 <= one <= most]
+    wrong = [
+        name
+        for (name, most), one in numbers
+        if one is not None and isinstance(one, (int, float)) and not 0 <= one <= most
+    ]
     return replace(reply, **dict.fromkeys(wrong)) if wrong else reply  # type: ignore[arg-type]
 
 

@@ -69,6 +69,8 @@ class Plan:
     view: View | None = None
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     turns: tuple[tuple[str, ...], ...] = ()
+    _available: dict[str, tuple[tuple[Frame, ...], Mask]] = field(default_factory=dict, compare=False, repr=False)
+    """Of each condition which of these frames can be shown under it; plans with the same frames share it."""
 
     @cached_property
     def space(self) -> AnySpace:
@@ -160,16 +162,13 @@ class Plan:
         """Return the place of each frame."""
         return {frame.id: place for place, frame in enumerate(self.frames)}
 
-    @cached_property
-    def _availability(self) -> dict[str, Mask]:
-        return {}
-
     def _shown(self, condition: str) -> Mask:
         """Return which frames can be shown under a condition."""
-        if condition not in self._availability:
-            each = (is_available(condition, frame) for frame in self.frames)
-            self._availability[condition] = np.fromiter(each, np.bool_, len(self.frames))
-        return self._availability[condition]
+        frames, known = self._available.get(condition, ((), np.zeros(0, np.bool_)))
+        if frames is not self.frames:
+            known = np.fromiter((is_available(condition, frame) for frame in self.frames), np.bool_, len(self.frames))
+            self._available[condition] = self.frames, known
+        return known
 
     @cached_property
     def _in_sample(self) -> dict[str, Mask]:
@@ -182,9 +181,10 @@ class Plan:
         """Yield the planned calls of one model, in the bank's order."""
         prompt, asked = self.prompt.key, self.asked(model)
         few = {name: self._sampled[name] for name in self.controls.get(model, ()) if name in self._sampled}
-        for frame in self.frames:
-            for condition in asked:
-                if is_available(condition, frame) and (condition not in few or frame.id in few[condition]):
+        shown = [(condition, self._shown(condition).tolist()) for condition in asked]
+        for place, frame in enumerate(self.frames):
+            for condition, can in shown:
+                if can[place] and (condition not in few or frame.id in few[condition]):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key

@@ -366,7 +366,7 @@ def _png(wide: int, high: int, *data: bytes | memoryview) -> bytes:
     return b"".join(parts)
 
 
-def noises(seed: int, shapes: Sequence[tuple[int, int, int]]) -> Iterator[RGB]:
+def noises(seed: int, shapes: Sequence[tuple[int, ...]]) -> Iterator[RGB]:
     """Yield random pictures of these shapes, the values of ``default_rng(seed).integers(0, 256)``.
 
     The bytes of the generator's words are these values, and four times as fast.
