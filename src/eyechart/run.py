@@ -91,8 +91,8 @@ class Plan:
     @cached_property
     def _sampled(self) -> Mapping[str, frozenset[str]]:
         """Return the frames of each sampled control; a control among the conditions has all."""
-        calls = sum(is_available(name, frame) for name in self.conditions for frame in self.frames)
-        shown = {name: [frame.id for frame in self.frames if is_available(name, frame)] for name in SAMPLED}
+        calls = sum(int(self._shown(name).sum()) for name in self.conditions)
+        shown = {name: [self.frames[place].id for place in np.flatnonzero(self._shown(name))] for name in SAMPLED}
         return {name: sample(name, ids, calls, self.seed) for name, ids in shown.items() if name not in self.conditions}
 
     def stimuli(self, *, kept: bool = True) -> Stimuli:
