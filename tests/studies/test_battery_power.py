@@ -163,7 +163,8 @@ def test_the_plan_says_how_often_a_model_of_a_known_kind_gets_its_label(bank: Fr
     assert large.depth == {"0.3": None, "1": None}
     assert large.depth_associated["1"] == 1.0
     assert "power at a noise floor of 0.11" in large.words
-    assert "less by what is not drawn: unparsed_reference, unparsed_controls, lane_net" in large.words
+    assert large.words.endswith(f"Up to about .05 less by the {len(large.left_out)} statistics that are not drawn")
+    assert "unparsed_reference" not in large.words
     with pytest.raises(SpecError, match="--noise is the share of repeats"):
         power_of(bank, noise=0.9)
 

@@ -111,8 +111,8 @@ class Odds(JsonRecord):
         return (
             f"power at a noise floor of {self.noise:g}: a model that never looks is image_invariant in "
             f"{shown(self.image_invariant)} of such runs. A model that only tells a picture from none is presence_only "
-            f"in {shown(self.presence_only)}. {'. '.join(readers)}. Up to about .05 less by what is not drawn: "
-            f"{', '.join(self.left_out)}"
+            f"in {shown(self.presence_only)}. {'. '.join(readers)}. Up to about .05 less by the {len(self.left_out)} "
+            "statistics that are not drawn"
         )
 
 
