@@ -15,7 +15,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("testing", "api", "bundle", "inspect", "paper"),
     ("looks",),
     ("serve",),
-    ("calibrate", "compare", "transfer", "guardian", "overview", "corpus"),
+    ("calibrate", "compare", "transfer", "guardian", "overview"),
     ("studies", "edits"),
     ("report",),
     ("eyechart_organisms",),

@@ -197,7 +197,7 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
         "eyechart.ledger.ledger",
         "Ledger._migrate",
     ): "opens a ledger of an older version: tests/test_old.py, tests/test_full_disk.py",
-    ("eyechart.ledger.loss", "_set_aside"): "follows --accept-loss: tests/test_ledger_counter.py",
+    ("eyechart.ledger.ledger", "_set_aside"): "follows --accept-loss: tests/test_ledger_counter.py",
     (
         "eyechart.models.energy",
         "_Package.__call__",

@@ -12,7 +12,18 @@ import numpy as np
 
 from eyechart import __version__
 from eyechart.edits import checks
-from eyechart.edits.annotations import BOXES, IGNORED, OTHER, OWN, Annotations, ObjectBox, Photo, in_pixels
+from eyechart.edits.annotations import (
+    BOXES,
+    IGNORED,
+    OTHER,
+    OWN,
+    Annotations,
+    ObjectBox,
+    Photo,
+    as_tables,
+    csv_of,
+    in_pixels,
+)
 from eyechart.edits.controls import EVERY, PICTURES, Edit, Editor, Moves
 from eyechart.edits.formats import with_leads
 from eyechart.edits.geometry import Box, Mask, box_of
@@ -20,7 +31,6 @@ from eyechart.edits.lines import Ground, Sight, Size, sights_of, with_distances
 from eyechart.edits.masks import BOX, PRICE, from_box, mask_of, usual_cut
 from eyechart.edits.scene import CopyPlace, Cutout, EditScene, with_shadow
 from eyechart.edits.sheet import Sheets
-from eyechart.edits.tables import as_tables, csv_of
 from eyechart.errors import BankError, SourceError, SpecError, counted
 from eyechart.frames import RGB, Draws, decode, draws_of, encode, read_bounded, require_plain, size_of, whole_folder
 from eyechart.importing.faults import Faults

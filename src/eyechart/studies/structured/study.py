@@ -147,7 +147,7 @@ class OnlineStudy(EpisodeStudy[online.OnlineScore]):
         return online.score(folder), self.report([folder], [], reading, tell)
 
     def first(self, runs: Sequence[Path]) -> "StudyIntroduction | None":
-        from eyechart.studies.structured.online_page import first_of
+        from eyechart.studies.structured.page import first_of
 
         if not all(map(self.holds, runs)):
             return None
