@@ -83,7 +83,9 @@ _DENIED = re.compile(
 _EXAMPLE = re.compile(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
 _SAID = r"(?:\s*(?:[:=]|\b(?:is|was|will be|should be|shall be|must be|becomes|to|of)\b))"
 _UNIT_SAID = r"(?:(?:is|are|was|given|measured|expressed|stated)\s+){0,3}(?:in\b\s*|\[\s*|\(\s*(?:in\b\s*)?)"
-_UNIT_ALONE = r"(?:\(\s*in\b\s*|\b(?:all|angles?|numbers?|values?)\s+(?:is|are)?\s*in\b\s*|\bunits?\s*(?:[:=]|is|are)\s*)"
+_UNIT_ALONE = (
+    r"(?:\(\s*in\b\s*|\b(?:all|angles?|numbers?|values?)\s+(?:is|are)?\s*in\b\s*|\bunits?\s*(?:[:=]|is|are)\s*)"
+)
 _UNIT_HEADS = {"deg": "°", "º": "°", "rad": "rad", "met": "m", "sec": "s", "kmh": "km/h", "kph": "km/h", "feet": "ft"}
 _OBJECT_AT_MOST = 20_000
 
