@@ -207,7 +207,7 @@ def examine_policy(
     timeout_s: float | None = None,
     prompt: str | None = None,
 ) -> PolicyDiagnosis:
-    """Test a policy with at most twenty calls, as ``eyechart doctor`` does, and return its faults.
+    """Test a policy with at most 24 calls, as ``eyechart doctor`` does, and return its faults.
 
     ``prompt`` is a TOML file that asks a served model for a motion in words.
 
