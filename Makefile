@@ -23,6 +23,9 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 # One process more than there are processors: many tests wait for a server, a child or a clock.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 1)))')
 
+# Where memory has room for them, the folders of tests lie there: a disk would be asked to keep each call of each run.
+export PYTEST_DEBUG_TEMPROOT := $(shell $(PYTHON) -c 'import os, shutil; m = "/dev/shm"; print(m if os.access(m, os.W_OK) and shutil.disk_usage(m).free > 4 << 30 else "")')
+
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
 .PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-ray long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
@@ -140,17 +143,13 @@ wheel: $(CORE)
 
 release: wheel
 
+# Each to its end, whatever the one before it found.
 bench: $(BENCH) $(INSPECT)/.done
-	$(BIN)/python benchmarks/bench_statistics.py
-	$(BIN)/python benchmarks/bench_bank.py
-	$(BIN)/python benchmarks/bench_drives.py --seeds 1 --pictures --processes
-	$(BIN)/python benchmarks/bench_positive_control.py
-	$(BIN)/python benchmarks/bench_score.py
-	$(BIN)/python benchmarks/bench_guardian.py
-	$(BIN)/python benchmarks/bench_mpc.py
-	$(BIN)/python benchmarks/bench_serve.py
-	$(BIN)/python benchmarks/bench_hf.py
-	$(BIN)/python benchmarks/bench_calls.py --inspect-python $(INSPECT)/bin/python
+	@missed=; for one in statistics bank "drives --seeds 1 --pictures --processes" positive_control score guardian mpc serve hf \
+	  calibrate "calls --inspect-python $(INSPECT)/bin/python"; do \
+	  set -- $$one; name=$$1; shift; \
+	  echo "bench_$$name"; $(BIN)/python benchmarks/bench_$$name.py "$$@" || missed="$$missed bench_$$name"; \
+	done; test -z "$$missed" || { echo "a bound is missed by$$missed"; exit 1; }
 
 # The version before, beside this one; OLD_PYTHON=/its/python takes one that is installed already.
 OLD_COMMIT := 201be47

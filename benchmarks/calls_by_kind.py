@@ -17,6 +17,8 @@ import sys
 from pathlib import Path
 from statistics import mean
 
+from eyechart import __version__
+
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "calls.json"
 OLD = ROOT / "build" / "0.2.0.dev0" / "src"
@@ -27,16 +29,26 @@ READERS += ("three_ranges", "grades_noise_10", "grades_noise_30", "grades_noise_
 LAYOUT = ("nearest_any_lane", "any_vehicle", "crowd", "inverse_distances", "spread", "centroid", "any_vehicle_noisy")
 KINDS = {"blind": BLIND, "reader of distance": READERS, "follower of the layout": LAYOUT}
 
+BEFORE = """
+from eyechart.calibrate.adversaries import ADVERSARIES
+from eyechart.calibrate.known import KNOWN, Known as KnownController, by_sight
+from eyechart.studies.battery.published import Resampling
+from eyechart.studies.battery.scoring import statistics_of
+"""
+NOW = """
+from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
+from eyechart.studies.battery.paper_statistics import Resampling
+from eyechart.studies.battery.scores import statistics_of
+"""
+"""Where either version has what the count needs."""
+
 COUNT = """
 import json, random, sys
 import numpy as np
-from eyechart_organisms.adversaries import ADVERSARIES
-from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
 from eyechart.calibrate.replication import answers_of, staged
 from eyechart.calibrate.world import SETTINGS, make_world
-from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
-from eyechart.studies.battery.scores import statistics_of
 seed = int(sys.argv[1])
 setting = SETTINGS["default"]
 world, how = make_world(setting, np.random.default_rng(seed)), Resampling(resamples=999, seed=seed, intervals=False)
@@ -52,12 +64,12 @@ print(json.dumps(found))
 """What either version runs on a bank: of each controller the calls, and the label."""
 
 
-def counted(source: Path, seed: int, kept: Path) -> dict[str, list[object]]:
+def counted(source: Path, imports: str, seed: int, kept: Path) -> dict[str, list[object]]:
     """Return the calls and label of each controller on the bank of a seed, by the source of one version."""
     if not kept.is_file():
         environment = {**os.environ, "PYTHONPATH": str(source)}
-        words = [sys.executable, "-c", COUNT, str(seed)]
-        done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True, cwd=ROOT)
+        words = [sys.executable, "-c", imports + COUNT, str(seed)]
+        done = subprocess.run(words, env=environment, stdout=subprocess.PIPE, text=True, check=True, cwd=ROOT)
         kept.write_text(done.stdout, encoding="utf-8")
     return dict(json.loads(kept.read_text(encoding="utf-8")))
 
@@ -71,11 +83,11 @@ def main() -> int:
     options.add_argument("--result", type=Path, default=RESULT)
     given = options.parse_args()
     given.keep.mkdir(parents=True, exist_ok=True)
-    sources = {"before": given.old.resolve(), "now": ROOT / "src"}
+    sources = {"before": (given.old.resolve(), BEFORE), "now": (ROOT / "src", NOW)}
     found: dict[str, list[dict[str, list[object]]]] = {which: [] for which in sources}
     for seed in range(given.banks):
-        for which, source in sources.items():
-            found[which].append(counted(source, seed, given.keep / f"{which}-{seed}.json"))
+        for which, (source, imports) in sources.items():
+            found[which].append(counted(source, imports, seed, given.keep / f"{which}-{seed}.json"))
         sys.stderr.write(f"bank {seed + 1} of {given.banks}\n")
     return write(found, given.result)
 
@@ -103,6 +115,7 @@ def write(found: dict[str, list[dict[str, list[object]]]], result: Path) -> int:
             "most": round(most, 3),
         }
     made = {
+        "version": __version__,
         "date": dt.datetime.now(dt.UTC).date().isoformat(),
         "banks": len(found["now"]),
         "frames": FRAMES,

@@ -12,6 +12,7 @@ import datetime as dt
 import json
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from eyechart.verdicts import calibrated_rules
 
 RESULT = Path(__file__).parent / "results" / "power.json"
 FRAMES, NOISES, WITHIN = (36, 72, 144, 288), (0.05, 0.11, 0.22), 0.05
+THIRDS = tuple(np.geomspace(5, 60, 4)[1:3].tolist())
 DRAWN = tuple(name for name in OF_BANKS if "counterfactual" in CONDITIONS[name].needs)
 ABSENCES = ("image_invariant", "presence_only")
 PLACED = {
@@ -58,6 +60,7 @@ class Cell:
         return f"{self.frames} {self.noise:g} {self.kind}"
 
 
+@cache
 def bank_of(frames: int) -> FrameBank:
     """Return a bank of four scenarios and twelve episodes, in memory, that has every picture and no gap to observe."""
     rng, made = np.random.default_rng(1), []
@@ -91,7 +94,7 @@ def meant(cell: Cell, frames: int, rng: np.random.Generator) -> dict[str, list[s
 
 def _braked(metres: object) -> str:
     """Brake hardest in the nearest third of the range, and go on in the farthest."""
-    first, last = np.geomspace(5, 60, 4)[1:3]
+    first, last = THIRDS
     return "STOP" if float(str(metres)) < first else "SLOW" if float(str(metres)) < last else "STRAIGHT"
 
 

@@ -412,7 +412,9 @@ def test_a_look_that_ended_before_a_run_fails_with_its_screen() -> None:
         assert_looks(unseen)
 
 
-def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
+def test_a_fixture_makes_the_run_and_keeps_it(
+    small: Path, here: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """In pytest's cache: the second session finds it there."""
     (here / "conftest.py").write_text('pytest_plugins = ["eyechart.fixtures"]\n')
     (here / "test_it.py").write_text(
@@ -422,7 +424,12 @@ def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
     )
     page, written = here / ".pytest_cache/d/eyechart/constant/report.html", []
     for _ in range(2):
-        done = subprocess.run([sys.executable, "-m", "pytest", "-q", here], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "--basetemp", tmp_path_factory.mktemp("inner"), here],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 0, done.stdout
         written.append(page.stat().st_mtime_ns)
     assert written[0] == written[1]

@@ -26,7 +26,6 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.calibrate.replication", "_make"): "calibrate",
     ("eyechart.cli", "_leave"): "list",
     ("eyechart.cli", "_open_what_is_closed"): "list",
-    ("eyechart.cli.app", "modes"): "list",
     ("eyechart.cli.guardian", "_ids_of"): "fit",
     ("eyechart.cli.score", "gate"): "gate",
     ("eyechart.cli.terminal", "_own_descriptor"): "list",
@@ -97,6 +96,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.manifest", "_read"): "film of a drive in MP4",
     ("eyechart.manifest", "write_run"): "merge",
     ("eyechart.models", "known_models"): "list",
+    ("eyechart.models", "known_modes"): "list",
     ("eyechart.models", "open_model"): "doctor",
     ("eyechart.models.http", "Endpoint._open"): "doctor of an endpoint",
     ("eyechart.models.http", "read_json"): "doctor of an endpoint",
@@ -146,6 +146,7 @@ DRIVEN: dict[tuple[str, str], str] = {
 NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.__main__", "_interrupted"): "writes one line as the process ends: tests/cli/test_interrupted.py",
     ("eyechart.cli.help", "_write"): "writes into the text of a help: tests/cli/test_cli.py",
+    ("eyechart.stats.statistic", "special_functions"): "imports a part of scipy: tests/stats/test_margins.py",
     ("eyechart.formats", "Format._function"): "imports a module of eyechart's own: tests/test_importing_formats.py",
     (
         "eyechart.bundle.differences",
