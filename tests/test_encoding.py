@@ -16,7 +16,7 @@ from eyechart.bundle import write_bundle
 from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError
 from eyechart.frames import ENCODINGS, FrameBank, as_png, decode, encode, noises, open_bank
-from eyechart.frames.damage import damages
+from eyechart.frames.plain_pictures import damages
 from eyechart.importing import Choices, import_table
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN

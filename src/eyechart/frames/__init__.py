@@ -35,6 +35,7 @@ from eyechart.frames.nouns import (
     MirrorAxis,
     Provenance,
     Scalar,
+    SharedFrames,
     Source,
     Stimulus,
     alone,
@@ -42,8 +43,9 @@ from eyechart.frames.nouns import (
     is_reserved,
     require_exchanged,
     rounded_truth,
+    same_moments,
+    shared_frames,
 )
-from eyechart.frames.overlap import SharedFrames, same_moments, shared_frames
 from eyechart.frames.pictures import (
     AS_STORED,
     ENCODINGS,

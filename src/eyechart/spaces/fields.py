@@ -83,6 +83,11 @@ _DENIED = pattern(
 )
 _EXAMPLE = pattern(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
 _SAID = r"(?:\s*(?:[:=]|\b(?:is|was|will be|should be|shall be|must be|becomes|to|of)\b))"
+_UNIT_SAID = r"(?:(?:is|are|was|given|measured|expressed|stated)\s+){0,3}(?:in\b\s*|\[\s*|\(\s*(?:in\b\s*)?)"
+_UNIT_ALONE = (
+    r"(?:\(\s*in\b\s*|\b(?:all|angles?|numbers?|values?)\s+(?:is|are)?\s*in\b\s*|\bunits?\s*(?:[:=]|is|are)\s*)"
+)
+_UNIT_HEADS = {"deg": "°", "º": "°", "rad": "rad", "met": "m", "sec": "s", "kmh": "km/h", "kph": "km/h", "feet": "ft"}
 _OBJECT_AT_MOST = 20_000
 
 
@@ -282,7 +287,10 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
     values: list[Value] = []
     for one in fields:
         found = _field_in(text, one, objects, rest)
-        if not isinstance(found, _NoFieldValue) and _names_other_unit(one, objects, alone=len(fields) == 1):
+        if not isinstance(found, _NoFieldValue) and (
+            _names_other_unit(one, objects, alone=len(fields) == 1)
+            or _says_other_unit(one, rest, alone=len(fields) == 1)
+        ):
             found = _NoFieldValue("other_unit")
         if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
@@ -395,6 +403,27 @@ def _names_other_unit(field: AnswerField, objects: Sequence[_JsonPairs], *, alon
     named = [value for name, value in beside if own.fullmatch(name)]
     named += [value for name, value in listed if name == leaf]
     return any(isinstance(one, str) and one.strip() not in {"", field.unit} for one in named)
+
+
+def _says_other_unit(field: AnswerField, rest: str, *, alone: bool) -> bool:
+    """Return whether the words around the objects give another unit, as in "(steer in degrees)".
+
+    "(in degrees)" counts where the field is ``alone``: else it may be of another.
+    """
+    if field.key is None or field.kind != "number" or not rest.strip():
+        return False
+    leaf = re.escape(field.key.split(".")[-1])
+    heads = [rf"(?<![\w.]){leaf}[\"'`*]{{0,3}}\s*{_UNIT_SAID}", *([_UNIT_ALONE] if alone else [])]
+    behind = (rest[found.end() :] for head in heads for found in re.finditer(head, rest, re.IGNORECASE))
+    units = (_UNITS.match(one) or _FURTHER_UNITS.match(one) for one in behind)
+    own = _unit_word(field.unit)
+    return any(unit is not None and _unit_word(unit[0]) != own for unit in units)
+
+
+def _unit_word(unit: str) -> str:
+    """Return a unit in one spelling: "degrees" and "deg" are "°", "meters" are "m"."""
+    word = unit.strip().casefold()
+    return next((one for head, one in _UNIT_HEADS.items() if word.startswith(head)), word)
 
 
 def _pairs(value: object) -> Sequence[tuple[str, object]]:

@@ -5,7 +5,6 @@ import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 from typing import Any, Self
@@ -113,9 +112,13 @@ def special_functions() -> Any:  # noqa: ANN401 - a module
         package.__path__ = [f"{place}/special" for place in found.submodule_search_locations or ()]
         sys.modules[name] = package
         try:
-            return import_module(f"{name}._ufuncs")
+            from scipy.special import _ufuncs  # noqa: PLC0415 - slow to import
         except ImportError:  # scipy keeps them elsewhere
             pass
+        else:
+            return _ufuncs
         finally:
             del sys.modules[name]
-    return import_module(name)
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    return special

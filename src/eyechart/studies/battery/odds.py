@@ -19,6 +19,7 @@ from eyechart.conditions import CONDITIONS, CONTROLS, RANGED, SAMPLED, is_availa
 from eyechart.errors import SpecError
 from eyechart.frames import PATCHED, FrameBank
 from eyechart.records import JsonRecord
+from eyechart.report.table import Column, Table
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.stats.exact_difference import EXACT_UP_TO, is_bounded
@@ -96,24 +97,24 @@ class Odds(JsonRecord):
             f"kinds in other episodes. Power: how often it gets it at a noise floor of {self.noise:g}."
         )
 
-    @property
-    def words(self) -> str:
-        """Return the odds in one line."""
-
-        def shown(one: float | None) -> str:
-            return "—" if one is None else f"{one:.2f}"
-
-        readers = (
-            f"A model that reads the distance on {share} of the frames is depth in {shown(self.depth[share])} (without "
-            f"controls depth_associated in {shown(self.depth_associated[share])})"
-            for share in self.depth
+    def table(self) -> Table:
+        """Return a row per kind of model: how often it gets its label."""
+        rows: list[tuple[str, str, float | None]] = [
+            ("never looks", "image_invariant", self.image_invariant),
+            ("only tells a picture from none", "presence_only", self.presence_only),
+        ]
+        for share in self.depth:
+            reads = f"reads the distance on {float(share):.0%} of the frames"
+            rows += [
+                (reads, "depth", self.depth[share]),
+                (f"{reads}, without controls", "depth_associated", self.depth_associated[share]),
+            ]
+        named = (Column("a model that …"), Column("is", "word"), Column("power", "number", 2))
+        note = (
+            f"At a noise floor of {self.noise:g}. Tests that are not drawn lower these by up to about .05; --json names "
+            "them (odds, left_out)."
         )
-        return (
-            f"power at a noise floor of {self.noise:g}: a model that never looks is image_invariant in "
-            f"{shown(self.image_invariant)} of such runs. A model that only tells a picture from none is presence_only "
-            f"in {shown(self.presence_only)}. {'. '.join(readers)}. Up to about .05 less by the {len(self.left_out)} "
-            "statistics that are not drawn"
-        )
+        return Table("odds", "How often a model of a known kind gets its label", named, tuple(rows), note)
 
 
 def odds_of(
