@@ -175,6 +175,7 @@ def test_a_warning_quotes_an_exception_without_what_steers_a_terminal(bank: Fram
     """The text of an exception is the policy's own; its escapes and lines reach no terminal."""
 
     def failing(images: object, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        del images, state, instruction
         raise ValueError("\x1b[2J\x1b]0;owned\x07no\nblock \x9b31m")
 
     with pytest.warns(UserWarning, match=r"python:failing was set aside") as warned:

@@ -564,11 +564,9 @@ def test_a_bank_of_edited_pictures_says_so_wherever_its_pictures_are_imported_ag
     """Its manifest is the record; no import of them is rendered, and the new bank keeps the record."""
     record(banks.build_bank(tmp_path / "made").root)
     old = open_bank(_import_again(tmp_path))
-    lines = ["file,gap,lead_near"]
-    for frame in list(old)[:3]:
-        lines.append(f"{frame.file},3,{frame.counterfactuals['lead_near']['main']}")
+    near = [f"{frame.file},3,{frame.counterfactuals['lead_near']['main']}" for frame in list(old)[:3]]
     table = (old.root if beside else tmp_path) / "again.csv"
-    table.write_text("\n".join(lines))
+    table.write_text("\n".join(["file,gap,lead_near", *near]))
     choices = Choices(threshold=18.0, unit="m")
     for made in ("rendered", "staged", *([] if beside else [""])):
         with pytest.raises(SourceError, match=r"manifest.json says"):

@@ -279,6 +279,6 @@ def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: o
     fields = [AnswerField("speed", "number", "speed", unit="m/s"), AnswerField("steer", "number", "steer", unit="rad")]
     found = read_fields(text, fields)
     assert (found.values, found.why) == ((5.0, 0.1), None) if read else (None, "other_unit")
-    for text in ('{"speed": 5, "unit": "km/h"}', '{"speed": 5} (in km/h)', 'Units: km/h. {"speed": 5}'):
-        assert read_fields(text, fields[:1]).why == "other_unit"
+    for own in ('{"speed": 5, "unit": "km/h"}', '{"speed": 5} (in km/h)', 'Units: km/h. {"speed": 5}'):
+        assert read_fields(own, fields[:1]).why == "other_unit"
     assert read_fields('{"speed": 5} (in m/s)', fields[:1]).values == (5.0,)

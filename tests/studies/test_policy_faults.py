@@ -288,7 +288,7 @@ def test_a_number_that_is_constant_in_the_log_hides_no_use(tmp_path: Path, scale
 
 
 def by_state_and_a_little_by_sight(images: dict[str, Any], state: np.ndarray, instruction: str | None) -> np.ndarray:
-    """Go by the state alone in the first number, and a little by the picture in the second, which the log never moves."""
+    """Go by the state alone, and a little by the picture in the second number, which the log never moves."""
     del instruction
     return np.array([[-0.3 * state[0], 0.03 * (float(images["front"][0, 0, 0]) - 125) / 100]])
 

@@ -47,8 +47,8 @@ class RecordedEdit(msgspec.Struct, frozen=True):
         """Return that its pictures are edited; raises SourceError if something else was ``said``."""
         if said not in {"", self.made}:
             raise SourceError(
-                f"{table.parent / self.name} says that the control pictures are edited, and --made says {said}: leave out "
-                "--made, or import the table of other pictures"
+                f"{table.parent / self.name} says that the control pictures are edited, and --made says {said}: "
+                "leave out --made, or import the table of other pictures"
             )
         return self.made
 
