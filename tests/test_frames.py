@@ -349,6 +349,25 @@ def test_a_path_outside_the_bank_is_never_opened(bank: FrameBank, name: str) -> 
             read(bank.root)
 
 
+@pytest.mark.parametrize("sides", [(0, 7), (7, 0), (50_000, 50_000), (2**31 - 1, 1)])
+def test_a_header_that_declares_no_pixels_or_far_too_many_gives_no_size(sides: tuple[int, int]) -> None:
+    """With its checksum, in the form of a picture that a run makes."""
+    picture = bytearray(pictures.packed(np.zeros((4, 6, 3), dtype=np.uint8)))
+    assert pictures.size_of(bytes(picture), "a.png") == (6, 4)
+    picture[16:24] = struct.pack(">II", *sides)
+    picture[29:33] = struct.pack(">I", zlib.crc32(picture[12:29]))
+    with pytest.raises(BankError, match=r"'a\.png'"):
+        pictures.size_of(bytes(picture), "a.png")
+
+
+def test_a_file_is_read_to_its_end(bank: FrameBank, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one that is longer than the system said."""
+    whole = (bank.root / PICTURE).read_bytes()
+    stat = Path.stat
+    monkeypatch.setattr(Path, "stat", lambda path: os.stat_result((*stat(path)[:6], len(whole) // 2, 0, 0, 0)))
+    assert read_bounded(bank.root, PICTURE) == whole
+
+
 def test_a_link_inside_the_bank_is_a_file_of_the_bank(bank: FrameBank) -> None:
     """Banks on deduplicating stores hold links; only those that lead outside are refused."""
     (bank.root / PICTURE).rename(bank.root / "stored")
