@@ -272,6 +272,9 @@ def test_an_example_is_no_answer_and_a_correction_in_words_is_heard() -> None:
         ('{"speed": 5, "steer": 0.1} (Steer in radians, speed [m/s])', True),
         ('{"speed": 5, "steer": 0.1} I steer in the left lane, speed in check.', True),
         ('{"speed": 5, "steer": 0.1} (in degrees)', True),
+        ('{"speed": 5, "steer": 0.1}, speed in metres per second / steer in rad / as usual', True),
+        ('{"speed": 5, "steer": 0.1} (speed in meters per second squared)', False),
+        ('{"speed": 5, "steer": 0.1} (steer in rad/s)', False),
     ],
 )
 def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: object) -> None:
@@ -282,3 +285,19 @@ def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: o
     for own in ('{"speed": 5, "unit": "km/h"}', '{"speed": 5} (in km/h)', 'Units: km/h. {"speed": 5}'):
         assert read_fields(own, fields[:1]).why == "other_unit"
     assert read_fields('{"speed": 5} (in m/s)', fields[:1]).values == (5.0,)
+
+
+@pytest.mark.parametrize(
+    ("unit", "spelled"),
+    [
+        *(("m/s²", one) for one in ("m/s²", "m/s^2", "m / s2", "metres per second squared")),
+        *(("%", one) for one in ("%", "percent")),
+        *(("km/h", one) for one in ("km/h", "kph", "kilometres per hour", "km per hour")),
+        *(("kn", one) for one in ("kn", "knots")),
+        *(("mph", one) for one in ("mph", "miles per hour")),
+    ],
+)
+def test_the_words_around_an_object_may_spell_the_fields_unit_in_another_way(unit: str, spelled: str) -> None:
+    """It is the same unit, and the answer counts."""
+    field = AnswerField("push", "number", "push", unit=unit)
+    assert read_fields(f'The push in {spelled}: {{"push": 5}}', [field]).values == (5.0,)

@@ -87,7 +87,29 @@ _UNIT_SAID = r"(?:(?:is|are|was|given|measured|expressed|stated)\s+){0,3}(?:in\b
 _UNIT_ALONE = (
     r"(?:\(\s*in\b\s*|\b(?:all|angles?|numbers?|values?)\s+(?:is|are)?\s*in\b\s*|\bunits?\s*(?:[:=]|is|are)\s*)"
 )
-_UNIT_HEADS = {"deg": "°", "º": "°", "rad": "rad", "met": "m", "sec": "s", "kmh": "km/h", "kph": "km/h", "feet": "ft"}
+_UNIT_WORDS = {
+    "°": ("deg", "º"),
+    "rad": ("rad",),
+    "%": ("percent",),
+    "km": ("kilomet",),
+    "cm": ("centimet",),
+    "mm": ("millimet",),
+    "m": ("met",),
+    "mi": ("mile",),
+    "ft": ("feet", "foot"),
+    "s": ("sec",),
+    "min": ("min",),
+    "h": ("hour", "hr"),
+    "kn": ("knot", "kt"),
+    "km/h": ("kmh", "kph"),
+    "m/s": ("mps",),
+    "mi/h": ("mph",),
+}
+"""The beginnings of other spellings of units."""
+_PER_TIME = pattern(
+    r"\s?(?:/|per\b)\s?(?:s(?:ec(?:ond)?s?)?|min(?:ute)?s?|h(?:ou)?r?s?)(?:\^?2|²)?(?![^\W_])", re.IGNORECASE
+)
+_SQUARED = pattern(r"\s?(?:\^2|²|squared\b)")
 _OBJECT_AT_MOST = 20_000
 
 
@@ -415,15 +437,29 @@ def _says_other_unit(field: AnswerField, rest: str, *, alone: bool) -> bool:
     leaf = re.escape(field.key.split(".")[-1])
     heads = [rf"(?<![\w.]){leaf}[\"'`*]{{0,3}}\s*{_UNIT_SAID}", *([_UNIT_ALONE] if alone else [])]
     behind = (rest[found.end() :] for head in heads for found in re.finditer(head, rest, re.IGNORECASE))
-    units = (_UNITS.match(one) or _FURTHER_UNITS.match(one) for one in behind)
     own = _unit_word(field.unit)
-    return any(unit is not None and _unit_word(unit[0]) != own for unit in units)
+    return any(unit is not None and _unit_word(unit) != own for unit in map(_unit_at_start, behind))
+
+
+def _unit_at_start(text: str) -> str | None:
+    """Return the unit that a text begins with, as "metres per second"; None without one."""
+    found = _UNITS.match(text) or _FURTHER_UNITS.match(text)
+    if found is None:
+        return None
+    per = _PER_TIME.match(text, found.end()) or found
+    squared = _SQUARED.match(text, per.end()) or per
+    return text[: squared.end()]
 
 
 def _unit_word(unit: str) -> str:
-    """Return a unit in one spelling: "degrees" and "deg" are "°", "meters" are "m"."""
-    word = unit.strip().casefold()
-    return next((one for head, one in _UNIT_HEADS.items() if word.startswith(head)), word)
+    """Return a unit in one spelling: "degrees" are "°", "metres per second" are "m/s"."""
+    word = re.sub(r"\s*(?:/|\bper\b)\s*", "/", _SQUARED.sub("2", unit.strip().casefold()))
+    return "/".join(_unit_part(part) for part in word.split("/"))
+
+
+def _unit_part(word: str) -> str:
+    found = next((one for one, heads in _UNIT_WORDS.items() if word.startswith(heads)), None)
+    return word if found is None else f"{found}{'2' * word.endswith('2')}"
 
 
 def _pairs(value: object) -> Sequence[tuple[str, object]]:
