@@ -111,8 +111,8 @@ class Odds(JsonRecord):
             ]
         named = (Column("a model that …"), Column("is", "word"), Column("power", "number", 2))
         note = (
-            f"At a noise floor of {self.noise:g}. Tests that are not drawn lower these by up to about .05; --json names "
-            "them (odds, left_out)."
+            f"At a noise floor of {self.noise:g}. Tests that are not drawn lower these by up to about .05; --json "
+            "names them (odds, left_out)."
         )
         return Table("odds", "How often a model of a known kind gets its label", named, tuple(rows), note)
 
