@@ -42,7 +42,7 @@ SEEING = ("camera_content", "object_grounded")
 class Kind:
     """A policy: its type, whether its state tells the block's place, its training, and the labels that it should get.
 
-    Its bank is of ``episodes``. ``history`` are the instants before a moment that it reads. Pictures are shown
+    Its bank is of ``episodes``. ``history`` are the instants before a moment that it reads, and pictures are shown
     ``larger`` by so many times: the other types lose all but 2 × 2 places of 64 pixels. ``chunk`` are the actions that
     it is trained on.
     """

@@ -27,8 +27,8 @@ RESULT = Path(__file__).parent / "results" / "policies.json"
 def digest() -> str:
     """Return the head of the SHA-256 of what a result depends on: the simulation, the rules and the statistics."""
     root = Path(eyechart.__file__).parent
-    rules = [root / "verdicts" / f"{name}.py" for name in ("axes", "channels", "uses")]
-    files = [root / "calibrate/policies.py", *rules, *sorted((root / "stats").glob("*.py"))]
+    files = [root / "calibrate/policies.py", *sorted((root / "verdicts").glob("*.py"))]
+    files += [*sorted((root / "studies/policy").glob("*.py")), *sorted((root / "stats").glob("*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 

@@ -45,7 +45,8 @@ _ARGUMENTS = {
 }
 """The Python arguments of command options with another name."""
 _OPTION = re.compile(
-    r"(?P<command>'(?:eyechart|hf|python -m) [^']*'|pip install [^;]*)"
+    r"(?P<own>'eyechart run' with )(?=--)"
+    r"|(?P<command>'(?:eyechart|hf|python -m) [^']*'|pip install [^;]*)"
     r"|--convert --longest (?P<longest>\d+)|(?P<file>(?:a )?--mode file)"
     r"|(?<![\w-])--(?P<name>[a-z][a-z0-9-]*[a-z0-9])"
     r"(?: (?:FILE\.toml|(?P<pair>[A-Za-z_]+=[^\s,;:.)\'\"]*)"
@@ -61,10 +62,12 @@ R = TypeVar("R")
 def in_arguments(words: str) -> str:
     """Return a message about command options (``--base-url``) with Python's names (``base_url``).
 
-    A command to run, as 'eyechart probe', stays as it is.
+    A command to run, as 'eyechart probe', stays as it is; 'eyechart run' with an option is the call itself.
     """
 
     def said(found: re.Match[str]) -> str:
+        if found["own"]:
+            return ""
         if found["command"]:
             return found[0]
         if found["longest"] or found["file"]:

@@ -255,6 +255,16 @@ def test_counterfactual_pairs_stand_side_by_side_with_their_decisions(bank: Path
 
 
 @pytest.mark.slow
+def test_the_tables_of_one_model_are_folded_too(bank: Path, tmp_path: Path) -> None:
+    """What stands open is the answer, its example and its figures; numbers of every kind open one by one."""
+    html = report(make_run(bank, tmp_path / "run", {"steady": stand_ins.stop}), tmp_path / "page.html", bank).html
+    assert "<details open" not in html
+    outside = re.sub(r"<details>.*?</details>", "", html, flags=re.DOTALL)
+    for caption in ("Calls by condition, run</caption>", "unparsed_reference"):
+        assert caption in html
+        assert caption not in outside
+
+
 def test_several_runs_stand_on_one_page(bank: Path, tmp_path: Path) -> None:
     """Each model is named with its run, and runs of one name are numbered."""
     one = make_run(bank, tmp_path / "a" / "run", {"noisy": noisy})

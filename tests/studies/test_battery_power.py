@@ -148,6 +148,8 @@ def test_the_command_prints_the_plan(
         assert raw["directional_needed"] == {"0.2": 13, "0.5": 112}
         assert "depth_observational" in raw["cannot_say"]
     else:
+        assert re.search(r"never looks +image_invariant +\d\.\d\d", said.out)
+        assert "unparsed_reference" not in said.out, "names of statistics are for programs"
         assert re.search(r"model scripted:depth +189 calls and up to 18 of controls, cost —", said.out)
         assert re.search(r"cannot say +bound_blank: 18 frames can be shown blank; 49 are needed", said.out)
 
@@ -162,8 +164,13 @@ def test_the_plan_says_how_often_a_model_of_a_known_kind_gets_its_label(bank: Fr
         assert getattr(noisy, one) < getattr(large, one)
     assert large.depth == {"0.3": None, "1": None}
     assert large.depth_associated["1"] == 1.0
-    assert "power at a noise floor of 0.11" in large.words
-    assert "less by what is not drawn: unparsed_reference, unparsed_controls, lane_net" in large.words
+    table = large.table()
+    assert [row[1] for row in table.rows] == [
+        *("image_invariant", "presence_only", "depth", "depth_associated", "depth", "depth_associated"),
+    ]
+    assert [row[2] for row in table.rows][:2] == [large.image_invariant, large.presence_only]
+    assert table.rows[2][0] == "reads the distance on 30% of the frames"
+    assert "At a noise floor of 0.11." in table.note
     with pytest.raises(SpecError, match="--noise is the share of repeats"):
         power_of(bank, noise=0.9)
 

@@ -435,7 +435,7 @@ def plan(
     if json:
         print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
         return
-    print_each([found.table(), found.details(specs)], 160)
+    print_each([found.table(), found.odds.table(), found.details(specs)], 160)
 
 
 def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":

@@ -7,7 +7,7 @@ picture disagree at the noise floor's rate.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
@@ -19,6 +19,7 @@ from eyechart.conditions import CONDITIONS, CONTROLS, RANGED, SAMPLED, is_availa
 from eyechart.errors import SpecError
 from eyechart.frames import PATCHED, FrameBank
 from eyechart.records import JsonRecord
+from eyechart.report.table import Column, Table
 from eyechart.spaces.discrete import Discrete
 from eyechart.spaces.space import Decision
 from eyechart.stats.exact_difference import EXACT_UP_TO, is_bounded
@@ -96,41 +97,44 @@ class Odds(JsonRecord):
             f"kinds in other episodes. Power: how often it gets it at a noise floor of {self.noise:g}."
         )
 
-    @property
-    def words(self) -> str:
-        """Return the odds in one line."""
-
-        def shown(one: float | None) -> str:
-            return "—" if one is None else f"{one:.2f}"
-
-        readers = (
-            f"A model that reads the distance on {share} of the frames is depth in {shown(self.depth[share])} (without "
-            f"controls depth_associated in {shown(self.depth_associated[share])})"
-            for share in self.depth
+    def table(self) -> Table:
+        """Return a row per kind of model: how often it gets its label."""
+        rows: list[tuple[str, str, float | None]] = [
+            ("never looks", "image_invariant", self.image_invariant),
+            ("only tells a picture from none", "presence_only", self.presence_only),
+        ]
+        for share in self.depth:
+            reads = f"reads the distance on {float(share):.0%} of the frames"
+            rows += [
+                (reads, "depth", self.depth[share]),
+                (f"{reads}, without controls", "depth_associated", self.depth_associated[share]),
+            ]
+        named = (Column("a model that …"), Column("is", "word"), Column("power", "number", 2))
+        note = (
+            f"At a noise floor of {self.noise:g}. Tests that are not drawn lower these by up to about .05; --json "
+            "names them (odds, left_out)."
         )
-        return (
-            f"power at a noise floor of {self.noise:g}: a model that never looks is image_invariant in "
-            f"{shown(self.image_invariant)} of such runs. A model that only tells a picture from none is presence_only "
-            f"in {shown(self.presence_only)}. {'. '.join(readers)}. Up to about .05 less by what is not drawn: "
-            f"{', '.join(self.left_out)}"
-        )
+        return Table("odds", "How often a model of a known kind gets its label", named, tuple(rows), note)
 
 
-def odds_of(bank: FrameBank, *, noise: float = NOISE, draws: int = DRAWS, seed: int = 0) -> Odds:
+def odds_of(
+    bank: FrameBank, *, noise: float = NOISE, draws: int = DRAWS, seed: int = 0, reads: Sequence[float] = READS
+) -> Odds:
     """Return how often models of known kinds get their labels on a bank.
 
+    ``reads`` are the shares of the frames on which the drawn readers of distance read it.
     Raises SpecError for a noise floor that is impossible with this bank's number of actions.
     """
     space = bank.manifest.action_space
     if len(space.actions) < 2:
-        return Odds(noise, None, None, dict.fromkeys(map(_named, READS)), dict.fromkeys(map(_named, READS)))
+        return Odds(noise, None, None, dict.fromkeys(map(_named, reads)), dict.fromkeys(map(_named, reads)))
     count = len(space.actions)
     most = (count - 1) / count
     if not 0 <= noise < most:
         raise SpecError(f"--noise is the share of repeats that get another answer, from 0 to {most:.2f}; got {noise:g}")
     slips = most * (1 - np.sqrt(1 - noise / most))
     drawn = _SimulatedAnswers(bank, space, float(slips), draws, np.random.default_rng(seed))
-    depth = {_named(share): drawn.depth(share) for share in READS}
+    depth = {_named(share): drawn.depth(share) for share in reads}
     return Odds(
         noise,
         drawn.absence(presence=False),

@@ -126,7 +126,6 @@ class BankPower:
         ]
         counts = sorted(self.stopped_early.items(), key=lambda one: one[1])
         early = ", ".join(f"{count} ({label})" for label, count in counts) or "as many"
-        said.append(self.odds.words)
         most = f"at most {sum(self.calls.values()) + sum(self.controls.values())} calls per model"
         said.append(f"stopping early (--stop-early): {most}; a model whose repeats never differ takes {early}")
         more = f"and up to {sum(self.controls.values())} of controls"
