@@ -23,9 +23,12 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 # One process more than there are processors: many tests wait for a server, a child or a clock.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 1)))')
 
+# Where memory has room for them, the folders of tests lie there: a disk would be asked to keep each call of each run.
+export PYTEST_DEBUG_TEMPROOT := $(shell $(PYTHON) -c 'import os, shutil; m = "/dev/shm"; print(m if os.access(m, os.W_OK) and shutil.disk_usage(m).free > 4 << 30 else "")')
+
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-ray long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-all test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-ray long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -35,6 +38,7 @@ help:
 	@echo "make hierarchy    intents above a model-predictive controller beside the paper's tables, offline"
 	@echo "make test         the tests of the core"
 	@echo "make test-slow    the core's long tests: whole studies, runs that are killed, adversaries, pages that say how to add something"
+	@echo "make test-all     both of these in one go, which costs less than one after the other"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers, Ray)"
 	@echo "make test-lerobot the tests that ask LeRobot itself, in the Python that EYECHART_LEROBOT_PYTHON names"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
@@ -96,11 +100,17 @@ hierarchy: $(CORE)
 ladder: $(CORE)
 	$(BIN)/eyechart ladder --out ladder --processes 2
 
+# As many tests at once as there are workers, the longest files first, and each file's tests in one worker.
+SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
+
 test: $(DEV)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "not models and not browser and not lerobot and not slow"
+	$(BIN)/python -m pytest $(SPREAD) -m "not models and not browser and not lerobot and not slow"
 
 test-slow: $(DEV)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m "slow and not models and not browser and not lerobot"
+	$(BIN)/python -m pytest $(SPREAD) -m "slow and not models and not browser and not lerobot"
+
+test-all: $(DEV)
+	$(BIN)/python -m pytest $(SPREAD) -m "not models and not browser and not lerobot"
 
 test-models: $(MODELS)
 	EYECHART_EXTRAS=required $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m models
@@ -140,17 +150,13 @@ wheel: $(CORE)
 
 release: wheel
 
+# Each to its end, whatever the one before it found.
 bench: $(BENCH) $(INSPECT)/.done
-	$(BIN)/python benchmarks/bench_statistics.py
-	$(BIN)/python benchmarks/bench_bank.py
-	$(BIN)/python benchmarks/bench_drives.py --seeds 1 --pictures --processes
-	$(BIN)/python benchmarks/bench_positive_control.py
-	$(BIN)/python benchmarks/bench_score.py
-	$(BIN)/python benchmarks/bench_guardian.py
-	$(BIN)/python benchmarks/bench_mpc.py
-	$(BIN)/python benchmarks/bench_serve.py
-	$(BIN)/python benchmarks/bench_hf.py
-	$(BIN)/python benchmarks/bench_calls.py --inspect-python $(INSPECT)/bin/python
+	@missed=; for one in statistics bank "drives --seeds 1 --pictures --processes" positive_control score guardian mpc serve hf \
+	  calibrate "calls --inspect-python $(INSPECT)/bin/python"; do \
+	  set -- $$one; name=$$1; shift; \
+	  echo "bench_$$name"; $(BIN)/python benchmarks/bench_$$name.py "$$@" || missed="$$missed bench_$$name"; \
+	done; test -z "$$missed" || { echo "a bound is missed by$$missed"; exit 1; }
 
 # The version before, beside this one; OLD_PYTHON=/its/python takes one that is installed already.
 OLD_COMMIT := 201be47

@@ -1,4 +1,7 @@
-"""Measures the image-only positive control: its time a frame, its gaps and its sides against the simulator."""
+"""Measures the image-only positive control: its time a frame, its gaps and its sides against the simulator.
+
+Reported, not gated. Writes ``results/bench_positive_control.json``.
+"""
 
 import argparse
 import json
@@ -15,6 +18,7 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from eyechart.perception.renderer import PX_PER_M, WIDTH_PX, HighwayReading, read_picture
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M
+from pairs import keep
 
 SCENARIOS: dict[str, tuple[str, dict[str, Any]]] = {
     "light": ("highway-v0", {"lanes_count": 3, "vehicles_count": 15}),
@@ -116,6 +120,7 @@ def main() -> None:
     shots = {name: list(drive(name, range(args.seeds), args.steps)) for name in SCENARIOS}
     rows = [measure(name, some, args.repeats) for name, some in shots.items()]
     rows.append(measure("all", [shot for some in shots.values() for shot in some], args.repeats))
+    keep("bench_positive_control", {"scenarios": rows})
     if args.json:
         print(json.dumps(rows, indent=2))
         return

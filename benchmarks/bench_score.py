@@ -1,6 +1,6 @@
 """What scoring costs: 5 models × 1152 calls with every statistic, and a ledger of a million calls with its peak memory.
 
-Reported, not gated: there is nothing to compare it with but the clock.
+Reported, not gated: there is nothing to compare it with but the clock. Writes ``results/bench_score.json``.
 """
 
 import argparse
@@ -22,6 +22,7 @@ from eyechart.run import Plan
 from eyechart.spaces.discrete import DRIVING
 from eyechart.studies.battery import plan_of, score
 from eyechart.verdicts import judge
+from pairs import keep
 
 AT_ONCE = 5_000
 """Calls written in one transaction."""
@@ -120,6 +121,7 @@ def main() -> None:
     found = {"5 models x 1152 calls": measure(models=5, episodes=12, steps=12)}
     if not options.small:
         found["one model, 1 000 000 calls"] = measure(models=1, episodes=5208, steps=24)
+    keep("bench_score", found)
     if options.json:
         print(json.dumps(found, indent=1))
         return

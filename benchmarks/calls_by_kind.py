@@ -17,6 +17,8 @@ import sys
 from pathlib import Path
 from statistics import mean
 
+from eyechart import __version__
+
 ROOT = Path(__file__).resolve().parents[1]
 RESULT = ROOT / "benchmarks" / "results" / "calls.json"
 OLD = ROOT / "build" / "0.2.0.dev0" / "src"
@@ -113,6 +115,7 @@ def write(found: dict[str, list[dict[str, list[object]]]], result: Path) -> int:
             "most": round(most, 3),
         }
     made = {
+        "version": __version__,
         "date": dt.datetime.now(dt.UTC).date().isoformat(),
         "banks": len(found["now"]),
         "frames": FRAMES,

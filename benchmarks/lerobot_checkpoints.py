@@ -42,14 +42,16 @@ SEEING = ("camera_content", "object_grounded")
 class Kind:
     """A policy: its type, whether its state tells the block's place, its training, and the labels that it should get.
 
-    ``history`` are the instants before a moment that it reads, and pictures are shown ``larger`` by so many times: the
-    other types lose all but 2 × 2 places of 64 pixels. ``chunk`` are the actions that it is trained on.
+    Its bank is of ``episodes``. ``history`` are the instants before a moment that it reads, and pictures are shown
+    ``larger`` by so many times: the other types lose all but 2 × 2 places of 64 pixels. ``chunk`` are the actions that
+    it is trained on.
     """
 
     type: str
     steps: int
     batch: int = 16
     tells: bool = False
+    episodes: int = SHOWN
     history: int = 0
     larger: int = 1
     chunk: int = HORIZON
@@ -64,7 +66,7 @@ class Kind:
 KINDS = {
     "sees": Kind("act", 1000, expected=(("camera", SEEING),)),
     "privileged": Kind(
-        "act", 400, tells=True, expected=(("camera", ("ignores_camera",)), ("state", ("state_shortcut",)))
+        "act", 1000, tells=True, episodes=24, expected=(("camera", ("ignores_camera",)), ("state", ("state_shortcut",)))
     ),
     "vqbet": Kind("vqbet", 250, 4, history=1, larger=2, chunk=1 + HORIZON),
     "diffusion": Kind("diffusion", 150, 4, history=1, larger=2, chunk=12),
@@ -149,7 +151,7 @@ def write_data(kind: str, folder: Path) -> None:
     features["observation.state"] = {"dtype": "float32", "shape": (len(names),), "names": names}
     features["action"] = {"dtype": "float32", "shape": (3,), "names": ["dx", "dy", "grip"]}
     data = LeRobotDataset.create(f"here/{kind}", fps=10, features=features, root=folder, use_videos=False)
-    for episode in tables(kind, "shown", SHOWN):
+    for episode in tables(kind, "shown", KINDS[kind].episodes):
         seen = moments(kind, episode)
         for row in range(len(episode)):
             shown = {CAMERA: seen["top"][row]}

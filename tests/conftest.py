@@ -31,27 +31,47 @@ settings.load_profile("no clock")
 
 
 FIRST = (
+    "test_add_a.py",
+    "test_look.py",
+    "test_readme.py",
+    "test_validate_drives.py",
+    "test_notebooks.py",
+    "test_battery_stop_early.py",
     "test_adversarial_runs.py",
     "test_policy.py",
-    "test_validate_drives.py",
-    "test_battery_stop_early.py",
-    "test_policy_adversaries.py",
-    "test_add_a.py",
-    "test_trained.py",
+    "test_holes.py",
+    "test_truth.py",
+    "test_edited_pictures.py",
     "test_doors.py",
+    "test_policy_mixtures.py",
+    "test_edited_evidence.py",
+    "test_policy_adversaries.py",
+    "test_battery_drift.py",
+    "test_battery_elsewhere.py",
+    "test_trained.py",
+    "test_closed_loop.py",
+    "test_probed_drives.py",
+    "test_battery_power.py",
+    "test_corruptions.py",
+    "test_faults_of_annotation.py",
+    "test_calibrate.py",
+    "test_highway.py",
+    "test_rover.py",
+    "test_served.py",
+    "test_episodes_faults.py",
     "test_policy_faults.py",
     "test_policy_course.py",
+    "test_importing_controls.py",
+    "test_every_simulator.py",
+    "test_stated_policy.py",
+    "test_look_page.py",
+    "test_servers_of_a_run.py",
+    "test_guests_at_the_door.py",
     "test_known_answers.py",
     "test_battery_kill.py",
     "test_episodes_kill.py",
-    "test_calibrate.py",
     "test_policy_tables.py",
-    "test_every_simulator.py",
-    "test_battery_drift.py",
-    "test_served.py",
-    "test_probed_drives.py",
     "test_api_policies.py",
-    "test_importing_controls.py",
     "test_calibrate_early.py",
     "test_hierarchy.py",
     "test_transformers_serve.py",
@@ -64,7 +84,11 @@ FIRST = (
 
 CORE = "not models and not browser and not lerobot and not slow"
 SLOW = "slow and not models and not browser and not lerobot"
-_WHOLE_FILE = re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|lerobot|slow)", re.MULTILINE)
+BOTH = "not models and not browser and not lerobot"
+_WHOLE_FILE = {
+    CORE: re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|lerobot|slow)", re.MULTILINE),
+    BOTH: re.compile(r"^pytestmark = .*pytest\.mark\.(?:models|browser|lerobot)", re.MULTILINE),
+}
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -73,12 +97,10 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     if collection_path.suffix != ".py" or not collection_path.name.startswith("test_"):
         return None
     text = collection_path.read_text(encoding="utf-8")
-    if asked in {"models", "browser", SLOW, CORE}:
-        without = (
-            _WHOLE_FILE.search(text) is not None if asked == CORE else f"pytest.mark.{asked.split()[0]}" not in text
-        )
-        if without:
-            return True
+    if asked in _WHOLE_FILE and _WHOLE_FILE[asked].search(text):
+        return True
+    if asked in {"models", "browser", SLOW} and f"pytest.mark.{asked.split()[0]}" not in text:
+        return True
     lacking = {name for name in _IMPORTS.findall(text) if name in MISSING}
     if lacking:
         LEFT_OUT[collection_path.name] = lacking
@@ -134,12 +156,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Have the garbage collector pass over what was imported and collected: it stays to the end, and is much."""
+    """Have the garbage collector pass over what was imported and collected, which stays to the end, and look seldom."""
     gc.disable()
     try:
         return (yield)
     finally:
         gc.freeze()
+        gc.set_threshold(20_000, 20, 20)
         gc.enable()
 
 

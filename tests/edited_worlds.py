@@ -14,6 +14,7 @@ from PIL import Image
 
 import eyechart.simulators.drone as drones
 import eyechart.simulators.rover as rovers
+from edited_controllers import widest
 from eyechart.edits import EditLimits, EditSource, Moves, edit_photographs, read_annotations
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward
@@ -93,7 +94,7 @@ class Moment:
 
 def differ(one: RGB, other: RGB) -> NDArray[np.bool_]:
     """Return where two pictures differ by more than two levels."""
-    return np.asarray(np.abs(one.astype(int) - other).max(axis=2) > 2, np.bool_)
+    return widest(np.abs(one.astype(np.int16) - other)) > 2
 
 
 @cache

@@ -86,7 +86,7 @@ def run(line: str, tree: Path) -> str:
     """Run one command of a page in a tree, on that tree's own source, and return what it printed."""
     command, *words = shlex.split(line)
     if command == "pytest":
-        words += ["-q", "-p", "no:cacheprovider", "-p", "no:randomly"]
+        words += ["-q", "-p", "no:cacheprovider", "-p", "no:randomly", "--basetemp", str(tree.with_name("basetemp"))]
     program = (
         [sys.executable, "-m", "pytest"] if command == "pytest" else [str(Path(sys.executable).with_name(command))]
     )

@@ -67,6 +67,7 @@ def test_every_message_of_the_package_can_be_said_in_arguments() -> None:
         ("name it with --map file=COLUMN; it has", "name it with columns={'file': 'COLUMN'}; it has"),
         ("leave it out with --map gap=", "leave it out with columns={'gap': ''}"),
         ("--no-probe", "probe=False"),
+        ("or continue a run with --moved, which records it", "or continue a run with moved=True, which records it"),
         ("a --mode file, or use --no-probe", "a RequestMode, or use probe=False"),
         ("--temperature default", "temperature='default'"),
         ("begun with --limit 20, now --limit 5", "begun with limit=20, now limit=5"),

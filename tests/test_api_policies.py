@@ -171,6 +171,20 @@ def test_who_never_answers_with_a_motion_is_set_aside_with_a_warning(bank: Frame
     assert found.score.models["python:batched"].answered == 10
 
 
+def test_a_warning_quotes_an_exception_without_what_steers_a_terminal(bank: FrameBank, tmp_path: Path) -> None:
+    """The text of an exception is the policy's own; its escapes and lines reach no terminal."""
+
+    def failing(images: object, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        del images, state, instruction
+        raise ValueError("\x1b[2J\x1b]0;owned\x07no\nblock \x9b31m")
+
+    with pytest.warns(UserWarning, match=r"python:failing was set aside") as warned:
+        run_policies(bank, {"failing": failing}, tmp_path / "run")
+    said = [str(one.message) for one in warned if "set aside" in str(one.message)]
+    assert said
+    assert all(one.isprintable() and "no block" in one for one in said)
+
+
 def test_a_run_whose_folder_is_moved_under_it_says_so_and_is_whole_at_its_new_place(
     bank: FrameBank, tmp_path: Path
 ) -> None:

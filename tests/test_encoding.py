@@ -15,7 +15,8 @@ from eyechart import bundle, models
 from eyechart.bundle import write_bundle
 from eyechart.calls import Query, Reply
 from eyechart.errors import LedgerError
-from eyechart.frames import ENCODINGS, FrameBank, as_png, decode, encode, open_bank
+from eyechart.frames import ENCODINGS, FrameBank, as_png, decode, encode, noises, open_bank
+from eyechart.frames.plain_pictures import damages
 from eyechart.importing import Choices, import_table
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RUN
@@ -177,10 +178,10 @@ def test_a_run_that_was_begun_with_another_encoding_goes_on_in_its_own_way(tmp_p
     """The same pixels in all; which encoding a run sends stands in its manifest."""
     bank = Rover().build(tmp_path / "bank", seeds=(0,), steps=4)
     asked, made = ("real", "noise", "mirrored"), dict[str, dict[str, bytes]]()
-    for encoding in ("png", "png-2", "png-3"):
+    for encoding in ("png", "png-2", "png-3", "png-4"):
         out = tmp_path / encoding
         planned = battery.plan(bank.root, ["scripted:constant"], out, conditions=asked)
-        assert planned.manifest.encoding == "png-3"
+        assert planned.manifest.encoding == "png-4"
         plan = replace(planned.plan, bank=replace(planned.plan.bank, encoding=ENCODINGS[encoding]))
         battery.run(replace(planned, plan=plan, manifest=replace(planned.manifest, encoding=encoding)))
         more = battery.plan(bank.root, ["scripted:constant"], out, conditions=(*asked, "blank"))
@@ -190,16 +191,39 @@ def test_a_run_that_was_begun_with_another_encoding_goes_on_in_its_own_way(tmp_p
         battery.run(more)
         write_bundle(out, tmp_path / f"{encoding}.zip", resamples=100)
         assert bundle.validate(tmp_path / f"{encoding}.zip").holds
-    first, second, third = made.values()
+    first, second, third, fourth = made.values()
     for name in asked:
         pixels = [decode(one[name], name) for one in made.values()]
-        assert np.array_equal(pixels[0], pixels[1])
-        assert np.array_equal(pixels[0], pixels[2])
-    assert first["mirrored"] == second["mirrored"] != third["mirrored"]
+        assert all(np.array_equal(pixels[0], one) for one in pixels[1:])
+    assert first["mirrored"] == second["mirrored"]
+    assert len({one["mirrored"] for one in made.values()}) == 3
+    assert third["noise"] == fourth["noise"]
     assert len({one["noise"] for one in made.values()}) == 3
-    for name, picture in third.items():
+    for name, picture in [*third.items(), *fourth.items()]:
         assert {*chunks(picture)} == {b"IHDR", b"IDAT", b"IEND"}
         assert as_png(picture, name, encode) == picture
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_rows_that_equal_those_above_are_written_from_a_stock_and_the_picture_is_whole(seed: int) -> None:
+    """Bands of every height, at the top, within and at the end, and checksums that hold."""
+    rng = np.random.default_rng(seed)
+    high, wide = (int(side) for side in rng.integers(1, 40, 2))
+    rows = np.sort(rng.integers(0, max(1, high // 5), high))
+    pixels = rng.integers(0, 3, (high, wide, 3), dtype=np.uint8)[rows]
+    picture = ENCODINGS["png-4"].picture(pixels)
+    assert np.array_equal(decode(picture, "banded"), pixels)
+    assert list(damages(picture, "PNG", pixels)) == []
+    assert as_png(picture, "banded", encode) == picture
+
+
+@pytest.mark.parametrize("shapes", [[(150, 600, 3)], [(7, 5, 3), (3, 3, 3), (1, 1, 3)], [(2, 2, 3), (5, 5, 3)]])
+def test_noise_is_that_of_the_generator_s_whole_numbers(shapes: list[tuple[int, int, int]]) -> None:
+    """As older runs drew it, one picture after another from one seed."""
+    for seed in range(9):
+        rng = np.random.default_rng(seed)
+        for shape, drawn in zip(shapes, noises(seed, shapes), strict=True):
+            assert np.array_equal(drawn, rng.integers(0, 256, shape, dtype=np.uint8))
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (1, 7, 3), (9, 1, 3), (33, 41, 3), (1, 21845, 3), (3, 7281, 3)])

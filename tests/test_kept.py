@@ -3,8 +3,11 @@
 import json
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
+import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +17,7 @@ import pytest
 from banks import build_bank
 from eyechart import cli, kept
 from eyechart.calls import CallKey, Reply, read_in
-from eyechart.errors import SpecError
+from eyechart.errors import MissingCallsWarning, SpecError
 from eyechart.ledger import COLUMNS, Ledger, SentAttempt, columns_of
 from eyechart.ledger.counter import LedgerCount, WrittenCounts, write_counter
 from eyechart.spaces.discrete import DRIVING
@@ -215,10 +218,86 @@ def test_what_is_missing_is_said_at_every_answer(run: Path) -> None:
         held = ledger.held()
     write_counter(run / "ledger.sqlite", LedgerCount(held.plus(WrittenCounts(2, 1))))
     words = [sys.executable, "-m", "eyechart", "verdict", str(run)]
-    for _ in range(2):
-        said = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
-        assert "2 requests and 1 reply" in said.stderr
+    for unheard in (True, False, False):  # an answer that hides warnings is not kept for those who want them
+        environment = {**os.environ, "PYTHONWARNINGS": "ignore" if unheard else ""}
+        said = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True, env=environment)
+        assert ("2 requests and 1 reply" in said.stderr) is not unheard
     assert readings(run) == []
+
+
+def test_a_warning_that_was_shown_already_keeps_nothing_either(run: Path) -> None:
+    """Python shows a text once in a process; the next process has not shown it."""
+
+    def make() -> int:
+        warnings.warn("calls are missing", MissingCallsWarning, stacklevel=1)
+        return 1
+
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("default")
+        for number in (1, 1, 2):
+            kept.kept(run, ["count", number], make)
+    assert shown
+    assert readings(run) == []
+
+
+@pytest.mark.parametrize("rights", [0o644, 0o620, 0o606])
+def test_a_key_that_others_may_read_or_write_is_replaced(run: Path, say: Say, tmp_path: Path, rights: int) -> None:
+    """Who knows it can seal; so no reading under it is believed, and the next one is sealed with another."""
+    first = say("verdict", run)
+    key = tmp_path / "home" / ".cache" / "eyechart" / "readings.key"
+    before, (reading,) = key.read_bytes(), readings(run)
+    forged = b'{"width": null, "names": [], "parts": ["it looks"]}'
+    reading.write_bytes(kept._sealed(reading.name, forged, before) + b"\n" + forged)
+    key.chmod(rights)
+    kept._key.cache_clear()
+    assert say("verdict", run) == first
+    assert key.read_bytes() != before
+    assert key.stat().st_mode & 0o777 == 0o600
+    assert [path.name for path in key.parent.iterdir()] == [key.name]
+
+
+@pytest.mark.parametrize("how", ["a pipe", "a link", "a folder", "of another user"])
+def test_a_key_that_is_no_file_of_this_user_s_is_not_used(
+    run: Path, say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """Nothing is kept, and the place stays as it is."""
+    first = say("verdict", run, "--fresh")
+    shutil.rmtree(run / kept.FOLDER)
+    key = tmp_path / "home" / ".cache" / "eyechart" / "readings.key"
+    if how == "of another user":
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    else:
+        key.rename(tmp_path / "key")
+        {"a pipe": os.mkfifo, "a folder": os.mkdir, "a link": lambda at: at.symlink_to(tmp_path / "key")}[how](key)
+    before = key.lstat()
+    kept._key.cache_clear()
+    assert say("verdict", run) == first
+    assert not (run / kept.FOLDER).exists()
+    assert key.lstat() == before
+
+
+def test_a_home_without_hard_links_keeps_no_part_of_a_key(
+    run: Path, say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Then nothing is kept."""
+
+    def refuse(*_: object) -> None:
+        raise PermissionError("no links here")
+
+    monkeypatch.setattr(os, "link", refuse)
+    assert say("verdict", run)[0] == 0
+    assert list((tmp_path / "home" / ".cache" / "eyechart").iterdir()) == []
+
+
+def test_what_a_killed_command_left_goes_with_the_next_reading(run: Path, say: Say) -> None:
+    """A part of a reading; but not that of a command that is at work."""
+    say("verdict", run)
+    for name, age_s in (("left", 10**5), ("at work", 10)):
+        part = run / kept.FOLDER / f".{name}.1.ab.new"
+        part.write_bytes(b"part")
+        os.utime(part, (time.time() - age_s,) * 2)
+    say("costs", run)
+    assert [path.name for path in (run / kept.FOLDER).glob(".*.new")] == [".at work.1.ab.new"]
 
 
 def test_another_program_reads_anew(run: Path, say: Say, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,6 +320,31 @@ def test_a_run_that_changes_meanwhile_is_not_kept(run: Path, say: Say, monkeypat
     monkeypatch.setattr(BatteryStudy, "score", changing)
     assert say("verdict", run)[0] == 0
     assert readings(run) == []
+
+
+def test_a_ledger_that_was_another_meanwhile_is_not_kept(
+    run: Path, say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It lay elsewhere while another in its place was read, and came back: same name, size, time and number."""
+    first, score, ledger = say("verdict", run), BatteryStudy.score, run / "ledger.sqlite"
+    shutil.rmtree(run / kept.FOLDER)
+    for path in run.rglob("*"):
+        os.utime(path, ns=(10**18, 10**18))
+
+    def swapping(study: BatteryStudy, *given: object) -> object:
+        ledger.rename(tmp_path / "aside")
+        shutil.copyfile(tmp_path / "aside", ledger)
+        with sqlite3.connect(ledger) as sql:
+            sql.execute("DELETE FROM replies WHERE attempt > 20")
+        try:
+            return score(study, *given)  # type: ignore[arg-type]
+        finally:
+            (tmp_path / "aside").rename(ledger)
+
+    monkeypatch.setattr(BatteryStudy, "score", swapping)
+    assert say("verdict", run) != first
+    monkeypatch.setattr(BatteryStudy, "score", score)
+    assert say("verdict", run) == first
 
 
 def test_commands_at_once_do_not_harm_one_another(run: Path) -> None:

@@ -15,7 +15,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("testing", "api", "bundle", "inspect", "paper"),
     ("looks",),
     ("serve",),
-    ("calibrate", "compare", "transfer", "guardian", "overview", "corpus"),
+    ("calibrate", "compare", "transfer", "guardian", "overview"),
     ("studies", "edits"),
     ("report",),
     ("eyechart_organisms",),
@@ -31,9 +31,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("channels", "messages", "corruptions"),
     ("frames",),
     ("spaces",),
-    ("stats", "cameras", "event_loops", "formats", "clusters"),
+    ("stats", "cameras", "event_loops", "formats", "clusters", "kept"),
     ("errors", "seeds", "records", "keys"),
-    ("regexes", "processes", "scratch", "kept"),
+    ("regexes", "processes", "scratch"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``, or the other distribution's package as a whole.
 

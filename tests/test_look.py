@@ -94,24 +94,41 @@ def test_a_look_is_the_long_way_and_asks_nothing_twice(small: Path, here: Path) 
         assert command in flat(look(*words).stdout)
 
 
-def test_who_never_looks_gets_no(demo: Demo, here: Path) -> None:
+@pytest.fixture(scope="module")
+def looked(demo: Demo, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """Return a folder with looks at who sees nothing and who sees, and their screens; no test changes it."""
+    folder = tmp_path_factory.mktemp("looked")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        codes = {"constant": 1, "depth": 0}
+        return folder, {
+            name: screen(f"scripted:{name}", "--frames", demo.bank, code=code) for name, code in codes.items()
+        }
+
+
+def test_who_never_looks_gets_no(looked: tuple[Path, dict[str, str]]) -> None:
     """What may be tried next is said beside it, in another folder."""
-    said = screen("scripted:constant", "--frames", demo.bank, code=1)
+    folder, screens = looked
+    said = screens["constant"]
     assert said.startswith("No. Its decisions do not come from the camera")
     assert "a blank picture                 SLOW" in said
     assert "--prompt FILE.toml --out looks/scripted-constant-2" in flat(said)
-    assert (here / "looks/scripted-constant").is_dir()
+    assert (folder / "looks/scripted-constant").is_dir()
 
 
-def test_the_first_sentence_is_the_rulings_and_that_it_was_settled_early_stands_below(demo: Demo, here: Path) -> None:
+def test_the_first_sentence_is_the_rulings_and_that_it_was_settled_early_stands_below(
+    demo: Demo, looked: tuple[Path, dict[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of who sees too; the JSON has both."""
-    for name, code in (("constant", 1), ("depth", 0)):
-        lines = screen(f"scripted:{name}", "--frames", demo.bank, code=code).splitlines()
+    folder, screens = looked
+    monkeypatch.chdir(folder)
+    for name, said in screens.items():
+        lines = said.splitlines()
         first = " ".join(lines[: lines.index("")])
         assert "topped early" not in first
         (below,) = [line for line in lines if line.startswith("Stopped early after ")]
         assert lines.index("") < lines.index(below) < lines.index("Next")
-        page = (here / f"looks/scripted-{name}/report.html").read_text(encoding="utf-8")
+        page = (folder / f"looks/scripted-{name}/report.html").read_text(encoding="utf-8")
         assert not re.search(r">\s*(Yes|No): stopped early", page)
         found = json.loads(look(f"scripted:{name}", "--frames", demo.bank, "--json").stdout)
         assert "topped early" not in found["because"]
@@ -412,7 +429,9 @@ def test_a_look_that_ended_before_a_run_fails_with_its_screen() -> None:
         assert_looks(unseen)
 
 
-def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
+def test_a_fixture_makes_the_run_and_keeps_it(
+    small: Path, here: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """In pytest's cache: the second session finds it there."""
     (here / "conftest.py").write_text('pytest_plugins = ["eyechart.fixtures"]\n')
     (here / "test_it.py").write_text(
@@ -422,7 +441,12 @@ def test_a_fixture_makes_the_run_and_keeps_it(small: Path, here: Path) -> None:
     )
     page, written = here / ".pytest_cache/d/eyechart/constant/report.html", []
     for _ in range(2):
-        done = subprocess.run([sys.executable, "-m", "pytest", "-q", here], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "--basetemp", tmp_path_factory.mktemp("inner"), here],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 0, done.stdout
         written.append(page.stat().st_mtime_ns)
     assert written[0] == written[1]

@@ -2,7 +2,7 @@
 
 import importlib
 import random
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -30,12 +30,15 @@ Truths = Mapping[tuple[str, int], dict[str, object]]
 
 
 @pytest.fixture(scope="module")
-def benchmarks() -> ModuleType:
-    """Return the benchmark that measures, with those beside it."""
+def benchmarks() -> Iterator[ModuleType]:
+    """Return the benchmark that measures, with those beside it; it draws a third, of which the truths are the same."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
         importlib.import_module("adversarial_counts")
-        return importlib.import_module("adversary_truth")
+        truth = importlib.import_module("adversary_truth")
+        for name, draws in {"DRAWS": 16, "CURVE_DRAWS": 8, "WARM": 1000}.items():
+            patch.setattr(truth, name, draws)
+        yield truth
 
 
 @pytest.fixture(scope="module")

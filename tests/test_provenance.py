@@ -554,3 +554,40 @@ def test_pictures_of_an_edit_are_edited_by_whatever_table_they_come(tmp_path: Pa
     assert import_table(edited.parent, moved, tmp_path / "bank", Choices(made="edited")).manifest.made == "edited"
     moved.write_text("\n".join(["file", *(f"taken/{number}.png" for number in range(3))]))
     assert import_table(edited, moved, tmp_path / "plain", Choices()).manifest.made == ""
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_a_bank_of_edited_pictures_says_so_wherever_its_pictures_are_imported_again(
+    tmp_path: Path,
+    beside: bool,  # noqa: FBT001 - a parameter
+) -> None:
+    """Its manifest is the record; no import of them is rendered, and the new bank keeps the record."""
+    record(banks.build_bank(tmp_path / "made").root)
+    old = open_bank(_import_again(tmp_path))
+    near = [f"{frame.file},3,{frame.counterfactuals['lead_near']['main']}" for frame in list(old)[:3]]
+    table = (old.root if beside else tmp_path) / "again.csv"
+    table.write_text("\n".join(["file,gap,lead_near", *near]))
+    choices = Choices(threshold=18.0, unit="m")
+    for made in ("rendered", "staged", *([] if beside else [""])):
+        with pytest.raises(SourceError, match=r"manifest.json says"):
+            import_table(old.root, table, tmp_path / "new", replace(choices, made=made))  # type: ignore[arg-type]
+        assert not (tmp_path / "new").exists()
+    new = import_table(old.root, table, tmp_path / "new", replace(choices, made="edited")).manifest
+    assert new.provenance == "edited"
+    if not beside:
+        return
+    assert new.edit == old.manifest.edit
+    assert import_table(old.root, table, tmp_path / "silent", choices).manifest.edit == old.manifest.edit
+    with pytest.raises(BankError, match="which an edit makes; they are not staged"):
+        declare(tmp_path / "new", "staged")
+
+
+def test_a_manifest_of_another_program_says_nothing_of_pictures(tmp_path: Path) -> None:
+    """A folder of photographs may hold any file of that name."""
+    bank = banks.build_bank(tmp_path / "made")
+    (tmp_path / "photos").mkdir()
+    (bank.root / bank.frames[0].file).rename(tmp_path / "photos" / "a.png")
+    (tmp_path / "photos" / "manifest.json").write_text('{"made": "edited"}')
+    table = tmp_path / "photos" / "t.csv"
+    table.write_text("file\na.png\n")
+    assert import_table(table.parent, table, tmp_path / "bank", Choices()).manifest.made == ""

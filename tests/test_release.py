@@ -57,9 +57,11 @@ def test_each_test_is_run_by_one_target(marks: set[str]) -> None:
     """A slow test that needs an extra is run where the extra is, and nowhere else; none is run by none."""
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     asked = dict(re.findall(r"^(test[a-z-]*):.*\n(?:\t.*\n)*?\t.*pytest.* -m \"?(.+?)\"?$", makefile, re.MULTILINE))
+    both = asked.pop("test-all")
     assert set(asked) == {"test", "test-slow", "test-models", "test-lerobot", "test-browser"}
     held = {mark: mark in marks for mark in ("slow", "models", "lerobot", "browser")}
     runs = [target for target, words in asked.items() if eval(words, {}, held)]  # noqa: S307 - our own file
+    assert eval(both, {}, held) == bool({"test", "test-slow"} & {*runs})  # noqa: S307 - our own file
     assert len(runs) == 1, (marks, runs)
 
 

@@ -102,9 +102,9 @@ def test_rows_say_what_the_rules_said_before(axis: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", SAID)
-def test_rows_say_what_the_rules_said_before_of_sixty_thousand(axis: str) -> None:
-    """The same of 60,000."""
-    assert list(digests(SAID[axis], RECORDED[axis], 60)) == OLD[axis]
+def test_rows_say_what_the_rules_said_before_of_many(axis: str) -> None:
+    """The same of 12,000; of 60,000 by `make long-rulings`."""
+    assert list(digests(SAID[axis], RECORDED[axis], 12)) == OLD[axis][:12]
 
 
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 
 import banks
 import stand_ins
+from eyechart.attempts import _Writer
 from eyechart.calls import CallKey, Query, Reply
 from eyechart.conditions import BATTERY, show
 from eyechart.errors import BankError, SpecError
@@ -436,3 +438,37 @@ def test_ctrl_c_stops_a_process_at_once_and_keeps_what_is_finished(tmp_path: Pat
     with Ledger(path) as ledger:
         assert len(ledger.finished()) >= 3
         assert 1 <= len(ledger.unknown()) <= 2 * 4
+
+
+def test_rows_of_a_few_turns_share_a_commit_and_are_on_disk_when_they_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three turns of the event loop are one commit, a later row is another; another reader sees each at once."""
+    path, commits = tmp_path / "ledger.sqlite", list[int]()
+
+    async def begun(writer: _Writer, turns: int) -> None:
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        key = CallKey("battery", "openai:m", "p", f"f{turns}", "real")
+        await writer.begin(key, "0" * 64)
+        with closing(sqlite3.connect(path)) as other:
+            found = other.execute(
+                "SELECT count(*) FROM calls JOIN attempts ON call = calls.id WHERE frame = ?", key[3:4]
+            )
+            assert found.fetchone() == (1,)
+
+    async def all_begun(writer: _Writer) -> None:
+        async with asyncio.TaskGroup() as group:
+            for turns in (0, 1, 2, 9):
+                group.create_task(begun(writer, turns))
+
+    with Ledger(path, create=True) as ledger:
+        together = ledger.together
+
+        def counted() -> AbstractContextManager[None]:
+            commits.append(1)
+            return together()
+
+        monkeypatch.setattr(ledger, "together", counted)
+        asyncio.run(all_begun(_Writer(ledger, again=False)))
+    assert len(commits) == 2

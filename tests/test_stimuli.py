@@ -25,3 +25,12 @@ def test_pictures_are_those_of_the_conditions_however_few_are_kept(
     for frame in bank:
         (bank.root / frame.file).unlink()
     assert {name: kept.show(*name) for name in expected} == expected
+
+
+def test_what_is_seen_once_is_made_once_and_not_kept(tmp_path: Path) -> None:
+    """It is the same at every use, and takes no memory between."""
+    bank = banks.build_bank(tmp_path / "bank", scenarios=["light", "dense"], episodes=1)
+    once, frame = Stimuli(bank, 3, kept=False), bank.frames[0]
+    for name in BATTERY:
+        assert once.show(name, frame.id) == show(name, frame, bank, 3)
+    assert len(once._made._kept) == 0

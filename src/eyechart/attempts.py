@@ -137,10 +137,13 @@ def to_the_end(run: Coroutine[Any, Any, T]) -> T:
 
 
 class _Writer:
-    """Writes the rows of one turn of the event loop to the ledger, in one commit.
+    """Writes the rows of a few turns of the event loop to the ledger, in one commit.
 
     A row is durable when its ``begin`` or ``close`` returns, as in the ledger itself.
     """
+
+    _TURNS = 2
+    """How many turns a commit waits for the rows of other calls: it halves the commits."""
 
     def __init__(self, ledger: Ledger, *, again: bool) -> None:
         self._ledger, self._again = ledger, again
@@ -157,10 +160,17 @@ class _Writer:
     def _soon(self, write: Callable[[], Attempt | None]) -> "asyncio.Future[Attempt | None]":
         loop = asyncio.get_running_loop()
         if not self._waiting:
-            loop.call_soon(self._write)
+            loop.call_soon(self._wait, loop, self._TURNS)
         written = loop.create_future()
         self._waiting.append((write, written))
         return written
+
+    def _wait(self, loop: asyncio.AbstractEventLoop, turns: int) -> None:
+        """Write after so many turns of the event loop."""
+        if turns:
+            loop.call_soon(self._wait, loop, turns - 1)
+        else:
+            self._write()
 
     def _write(self) -> None:
         waiting, self._waiting = self._waiting, []

@@ -152,22 +152,30 @@ class Query:
     def sha256(self) -> str:
         """Return the digest of the content without the seed: an audit column, never a cache key."""
         seen = self.stimulus
-        parts = [self.system.encode(), self.user.encode(), _pictured(seen), *_bound(self.schema), *_stated(seen)]
+        found, pictured = hashlib.sha256(_sized((self.system.encode(), self.user.encode()))), _pictured(seen)
+        found.update(sum(map(len, pictured)).to_bytes(8, "big"))
+        for piece in pictured:  # not joined: a picture may be large
+            found.update(piece)
+        parts = [*_bound(self.schema), *_stated(seen)]
         for one in seen.past:
-            parts += (b"past", _pictured(one), *_stated(one))
+            parts += (b"past", b"".join(_pictured(one)), *_stated(one))
         for turn in self.messages:
             parts += turn.digests()
-        return hashlib.sha256(
-            b"".join([one for part in parts for one in (len(part).to_bytes(8, "big"), part)])
-        ).hexdigest()
+        found.update(_sized(parts))
+        return found.hexdigest()
 
 
-def _pictured(seen: Stimulus) -> bytes:
-    """Return the digest's input for pictures: one alone, several with their cameras."""
+def _sized(parts: Iterable[bytes]) -> bytes:
+    """Return parts in a row, each after its length."""
+    return b"".join([one for part in parts for one in (len(part).to_bytes(8, "big"), part)])
+
+
+def _pictured(seen: Stimulus) -> tuple[bytes, ...]:
+    """Return the pieces of the digest's input for pictures: one alone, several with their cameras."""
     if len(seen.images) < 2:
-        return next((b"+" + image for image in seen.images.values()), b"-")
-    named = (part for name, image in seen.images.items() for part in (name.encode(), image))
-    return b"*" + b"".join(len(part).to_bytes(8, "big") + part for part in named)
+        return next(((b"+", image) for image in seen.images.values()), (b"-",))
+    named = [part for name, image in seen.images.items() for part in (name.encode(), image)]
+    return (b"*", *(piece for part in named for piece in (len(part).to_bytes(8, "big"), part)))
 
 
 def _stated(seen: Stimulus) -> list[bytes]:
@@ -336,7 +344,11 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 def bounded(reply: Reply) -> Reply:
     """Return a reply without impossible numbers: NaN, infinite, negative, or beyond `MOST`."""
     numbers = zip(MOST.items(), _numbers(reply), strict=True)
-    wrong = [name for (name, most), one in numbers if isinstance(one, (int, float)) and not 0 <= one <= most]
+    wrong = [
+        name
+        for (name, most), one in numbers
+        if one is not None and isinstance(one, (int, float)) and not 0 <= one <= most
+    ]
     return replace(reply, **dict.fromkeys(wrong)) if wrong else reply  # type: ignore[arg-type]
 
 

@@ -179,6 +179,7 @@ class _ConditionSums:
     def account(self) -> Account:
         """Return the page as an account."""
         missing = self.missing + Counter(error=self.pending)
+        median, late = _percentiles(self.latency, 50, 95)
         return Account(
             calls=self.counts["calls"],
             attempts=self.counts["attempts"],
@@ -192,9 +193,9 @@ class _ConditionSums:
             reasoning_tokens=_whole(self.sums.get("reasoning_tokens")),
             cost_usd=self.sums.get("cost_usd"),
             cost_from=_known(self.cost_from),
-            latency_median_s=_percentile(self.latency, 50),
-            latency_p95_s=_percentile(self.latency, 95),
-            first_byte_median_s=_percentile(self.first_byte, 50),
+            latency_median_s=median,
+            latency_p95_s=late,
+            first_byte_median_s=_percentiles(self.first_byte, 50)[0],
             seconds=self.sums.get("seconds", 0.0),
             energy_j=self.sums.get("energy_j"),
             energy_measured=self.counts["energy_measured"],
@@ -266,8 +267,8 @@ def _whole(value: float | None) -> int | None:
     return None if value is None else int(value)
 
 
-def _percentile(values: Floats, percent: float) -> float | None:
-    return float(np.percentile(values, percent)) if len(values) else None
+def _percentiles(values: Floats, *percents: float) -> list[float | None]:
+    return np.percentile(values, percents).tolist() if len(values) else [None] * len(percents)
 
 
 @dataclass(frozen=True, slots=True)

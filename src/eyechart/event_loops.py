@@ -16,7 +16,8 @@ else:
         def __getattr__(self, name: str) -> object:
             import asyncio  # noqa: PLC0415 - this is the place
 
-            return getattr(asyncio, name)
+            found = self.__dict__[name] = getattr(asyncio, name)  # the next time it is not looked for
+            return found
 
     asyncio = _LazyAsyncio()
     """Python's ``asyncio``, imported on first use: reading a run makes no call."""

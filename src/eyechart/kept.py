@@ -23,6 +23,8 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
+from eyechart.errors import MissingCallsWarning
+
 T = TypeVar("T")
 
 FOLDER = ".reading"
@@ -31,8 +33,12 @@ _RUN = "run.json"
 _MOST_KEPT = 64
 _MOST_FILES = 3_000_000
 _KEY_BYTES = 32
+_OF_OTHERS = 0o077
+"""The rights of everybody but the owner."""
 _YOUNG_NS = 2_000_000_000
 """A file that changed this shortly before may change again within one tick of its clock."""
+_LEFT_S = 3600.0
+"""A part of a reading that is older than this was left by a command that was killed."""
 _PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".gif", ".mp4")
 """Files that no number follows from: a run holds the digests of its pictures in other files."""
 _PASSING = ("-shm", ".lock", ".new")
@@ -45,12 +51,16 @@ class _UnnamedError(Exception):
 
 
 class _FileState(NamedTuple):
-    """A file as the system describes it: path, size, time of the last change in ns, number."""
+    """A file as the system describes it: path, size, time of its content's last change in ns, number.
+
+    ``touched`` is the time in ns of the last change of anything, its name included.
+    """
 
     path: str
     size: int
     changed: int
     number: int
+    touched: int
 
 
 @dataclass(frozen=True)
@@ -122,20 +132,29 @@ def _as_kept(made: T, form: KeptForm[T]) -> tuple[T, bytes | None]:
 
 
 @contextmanager
-def _warned() -> Iterator[list[None]]:
-    """Yield a list that grows with each warning of the block, which is shown as usual."""
-    said: list[None] = []
+def _warned() -> Iterator[list[warnings.WarningMessage]]:
+    """Yield a list that grows with each warning of the block, which is shown if the user wants it.
+
+    One of missing calls is listed whatever Python's options, and although this process showed it
+    already; it is shown after the block.
+    """
+    said: list[warnings.WarningMessage] = []
     shown = warnings.showwarning
 
     def show(*given: Any, **more: Any) -> None:  # noqa: ANN401 - as warnings calls it
-        said.append(None)
-        shown(*given, **more)
+        said.append(one := warnings.WarningMessage(*given, **more))
+        if not issubclass(one.category, MissingCallsWarning):
+            shown(*given, **more)
 
-    warnings.showwarning = show
     try:
-        yield said
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", MissingCallsWarning)
+            warnings.showwarning = show
+            yield said
     finally:
-        warnings.showwarning = shown
+        for one in said:
+            if issubclass(one.category, MissingCallsWarning):
+                warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
 
 
 def _opened(file: Path, form: KeptForm[T], key: bytes) -> tuple[T] | None:
@@ -152,6 +171,9 @@ def _opened(file: Path, form: KeptForm[T], key: bytes) -> tuple[T] | None:
 def _keep(file: Path, body: bytes, key: bytes) -> None:
     """Write a reading whole or not at all; remove the oldest beyond a number of them."""
     file.parent.mkdir(exist_ok=True)
+    for left in file.parent.glob(".*.new"):
+        if left.lstat().st_mtime < time.time() - _LEFT_S:
+            left.unlink(missing_ok=True)
     partial = file.with_name(f".{file.stem}.{os.getpid()}.{secrets.token_hex(4)}.new")
     try:
         with partial.open("xb") as out:
@@ -173,21 +195,36 @@ def _sealed(name: str, body: bytes, key: bytes) -> bytes:
 
 @cache
 def _key() -> bytes | None:
-    """Return this user's key, made at its first use; None where no home can hold it."""
+    """Return this user's key, made at its first use; None where no home can hold it.
+
+    One that others could read or write is replaced.
+    """
     with suppress(OSError, RuntimeError):
         place = Path.home() / ".cache" / "eyechart" / "readings.key"
+        with suppress(FileNotFoundError):
+            found = place.lstat()
+            if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid():
+                return None
+            if stat.S_IMODE(found.st_mode) & _OF_OTHERS:
+                place.unlink()
         if not place.exists():
-            place.parent.mkdir(parents=True, exist_ok=True)
-            partial = place.with_name(f".{place.name}.{os.getpid()}.new")
-            partial.touch(0o600)
-            partial.write_bytes(secrets.token_bytes(_KEY_BYTES))
-            with suppress(FileExistsError):  # another process was first
-                os.link(partial, place)
-            partial.unlink()
+            _make_key(place)
         with place.open("rb") as file:
             key = file.read(_KEY_BYTES + 1)
         return key if len(key) == _KEY_BYTES else None
     return None
+
+
+def _make_key(place: Path) -> None:
+    place.parent.mkdir(parents=True, exist_ok=True)
+    partial = place.with_name(f".{place.name}.{os.getpid()}.new")
+    try:
+        partial.touch(0o600)
+        partial.write_bytes(secrets.token_bytes(_KEY_BYTES))
+        with suppress(FileExistsError):  # another process was first
+            os.link(partial, place)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _seen(folder: Path, asked: Sequence[object]) -> _RunState:
@@ -198,7 +235,7 @@ def _seen(folder: Path, asked: Sequence[object]) -> _RunState:
         is_picture = one.path.lower().endswith(_PICTURES)
         content = f"{one.size} {one.changed}" if is_picture else _hashed(one.path)
         digest.update(f"{one.path}\0{content}\n".encode(errors="surrogateescape"))
-    digest.update("".join(f"{one}\n" for one in others).encode(errors="surrogateescape"))
+    digest.update("".join(f"{one[:4]}\n" for one in others).encode(errors="surrogateescape"))
     return _RunState(digest.hexdigest(), (files, others), since)
 
 
@@ -243,7 +280,7 @@ def _state(path: str) -> _FileState:
     found = os.stat(path)  # noqa: PTH116 - of every picture of a bank
     if not stat.S_ISREG(found.st_mode):
         raise _UnnamedError
-    return _FileState(path, found.st_size, found.st_mtime_ns, found.st_ino)
+    return _FileState(path, found.st_size, found.st_mtime_ns, found.st_ino, found.st_ctime_ns)
 
 
 @cache

@@ -6,24 +6,26 @@ here.
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eyechart.costs import ALL
 from eyechart.destination import write_files
+from eyechart.episodes import read_episodes
 from eyechart.errors import BankError, GuardianError, SpecError, text_file
 from eyechart.frames import FrameBank, open_bank
-from eyechart.manifest import BANK
+from eyechart.manifest import BANK, read_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.records import parse_json
-from eyechart.studies import ReadOptions, Study, Tell, each_once, names_of, run_json, study_of
+from eyechart.studies import ReadOptions, RunCosts, Study, Tell, each_once, is_episodes, names_of, run_json, study_of
 
 if TYPE_CHECKING:
     from eyechart.report.charts import Drawing
-    from eyechart.report.table import Table
+    from eyechart.report.table import Cell, Table
 
 LABELS: Mapping[str, str] = {
     "t:conditions": "eyechart run battery",
@@ -165,7 +167,6 @@ def _pictured(fingerprint: str | None, given: Iterable[Path], banks: Sequence[Pa
 def _beside(runs: Sequence[Path], prices: Prices, reading: ReadOptions, scores: Path | None) -> "Iterator[Table]":
     """Yield further tables: costs, corpus, replications, and transfer of ``scores``."""
     from eyechart.compare import replications_table  # noqa: PLC0415 - draws
-    from eyechart.corpus import corpus_table  # noqa: PLC0415 - as above
     from eyechart.studies.battery import score as score_battery  # noqa: PLC0415 - as above
     from eyechart.transfer import read_scores, transfer, transfer_table  # noqa: PLC0415 - as above
 
@@ -275,3 +276,70 @@ def _before(folder: Path) -> Mapping[str, str]:
         return {name: digest for name, digest in files.items() if isinstance(digest, str)}
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return {}
+
+
+@dataclass(frozen=True, slots=True)
+class CorpusRun:
+    """One run of a folder: its study, its distinct episodes, and counts of calls.
+
+    ``scored`` calls have a reply, with or without a decision. ``counts`` has ``unparsed`` ones
+    among them, ``failed`` calls without a reply, ``open`` calls, and the ``probe`` calls before the
+    run, which count nowhere else.
+    """
+
+    run: str
+    study: str
+    episodes: frozenset[tuple[str, ...]]
+    counts: Counter[str]
+
+
+def corpus_table(runs: Sequence[Path], prices: Prices) -> "Table":
+    """Return a row per run with its calls and episodes, and their sum; empty without models.
+
+    The sum counts an episode of one bank once, however many runs ask about it.
+    """
+    from eyechart.report.table import Column, Table, columns  # noqa: PLC0415 - as above
+
+    arms = [
+        _arm(f"{name} · {part}" if part else name, path, study_of(run).took_run(path, prices))
+        for run, name in zip(runs, names_of(runs), strict=True)
+        for part, path in study_of(run).runs(run).items()
+    ]
+    arms = [arm for arm in arms if arm.counts.total()]
+    counts = ("scored", "unparsed", "failed", "open", "probe")
+    rows: list[tuple[Cell, ...]] = [
+        (arm.run, arm.study, len(arm.episodes), *(arm.counts[what] for what in counts)) for arm in arms
+    ]
+    if rows:
+        every = sum((arm.counts for arm in arms), Counter[str]())
+        episodes = frozenset[tuple[str, ...]]().union(*(arm.episodes for arm in arms))
+        rows.append(("sum", None, len(episodes), *(every[what] for what in counts)))
+    named = (Column("run"), Column("study", "word"), *columns("count", "episodes", *counts))
+    note = (
+        "scored: calls with a reply, of which unparsed hold no decision; probe: calls before a run, counted apart. "
+        "The sum counts an episode of a bank once"
+    )
+    return Table("corpus", "Queries and episodes by study and arm", named, tuple(rows), note)
+
+
+def _arm(name: str, run: Path, took: RunCosts) -> CorpusRun:
+    """Return the counts of one run."""
+    counts = Counter[str]()
+    for account in (each[ALL] for each in took.accounts.values()):
+        failed = account.missing.get("error", 0)
+        counts["scored"] += account.finished - failed
+        counts["unparsed"] += sum(account.missing.values()) - failed
+        counts["failed"] += failed
+        counts["open"] += account.calls - account.finished
+    counts["probe"] = sum(probe.calls for probe in took.probes.values())
+    study = "drives" if is_episodes(run) else str(run_json(run).get("study") or "")
+    return CorpusRun(name, study, _episodes(run, frozenset(took.accounts)), counts)
+
+
+def _episodes(run: Path, models: frozenset[str]) -> frozenset[tuple[str, ...]]:
+    """Return the episodes that models drove in a run, or those of its bank."""
+    if not is_episodes(run):
+        manifest, bank = read_run(run)
+        return frozenset((manifest.fingerprint, frame.drive) for frame in bank)
+    driven = (episode.key for episode in read_episodes(run) if episode.key.policy in models)
+    return frozenset((str(run.resolve()), *map(str, astuple(key))) for key in driven)

@@ -69,6 +69,8 @@ class Plan:
     view: View | None = None
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     turns: tuple[tuple[str, ...], ...] = ()
+    _available: dict[str, tuple[tuple[Frame, ...], Mask]] = field(default_factory=dict, compare=False, repr=False)
+    """Of each condition which of these frames can be shown under it; plans with the same frames share it."""
 
     @cached_property
     def space(self) -> AnySpace:
@@ -89,13 +91,18 @@ class Plan:
     @cached_property
     def _sampled(self) -> Mapping[str, frozenset[str]]:
         """Return the frames of each sampled control; a control among the conditions has all."""
-        calls = sum(is_available(name, frame) for name in self.conditions for frame in self.frames)
-        shown = {name: [frame.id for frame in self.frames if is_available(name, frame)] for name in SAMPLED}
+        calls = sum(int(self._shown(name).sum()) for name in self.conditions)
+        shown = {name: [self.frames[place].id for place in np.flatnonzero(self._shown(name))] for name in SAMPLED}
         return {name: sample(name, ids, calls, self.seed) for name, ids in shown.items() if name not in self.conditions}
 
-    def stimuli(self) -> Stimuli:
-        """Return the stimuli, each made once."""
-        return Stimuli(self.bank, self.seed, self.view)
+    def stimuli(self, *, kept: bool = True) -> Stimuli:
+        """Return the stimuli, each made once as long as they are ``kept``."""
+        return Stimuli(self.bank, self.seed, self.view, kept=kept)
+
+    @property
+    def shows_once(self) -> bool:
+        """Return whether no two calls of a run have the same stimulus, but for its repeats."""
+        return len(self.models) == 1
 
     def shows(self, condition: str, frame: Frame) -> bool:
         """Return whether a frame can be shown under a condition."""
@@ -155,16 +162,13 @@ class Plan:
         """Return the place of each frame."""
         return {frame.id: place for place, frame in enumerate(self.frames)}
 
-    @cached_property
-    def _availability(self) -> dict[str, Mask]:
-        return {}
-
     def _shown(self, condition: str) -> Mask:
         """Return which frames can be shown under a condition."""
-        if condition not in self._availability:
-            each = (is_available(condition, frame) for frame in self.frames)
-            self._availability[condition] = np.fromiter(each, np.bool_, len(self.frames))
-        return self._availability[condition]
+        frames, known = self._available.get(condition, ((), np.zeros(0, np.bool_)))
+        if frames is not self.frames:
+            known = np.fromiter((is_available(condition, frame) for frame in self.frames), np.bool_, len(self.frames))
+            self._available[condition] = self.frames, known
+        return known
 
     @cached_property
     def _in_sample(self) -> dict[str, Mask]:
@@ -177,9 +181,10 @@ class Plan:
         """Yield the planned calls of one model, in the bank's order."""
         prompt, asked = self.prompt.key, self.asked(model)
         few = {name: self._sampled[name] for name in self.controls.get(model, ()) if name in self._sampled}
-        for frame in self.frames:
-            for condition in asked:
-                if is_available(condition, frame) and (condition not in few or frame.id in few[condition]):
+        shown = [(condition, self._shown(condition).tolist()) for condition in asked]
+        for place, frame in enumerate(self.frames):
+            for condition, can in shown:
+                if can[place] and (condition not in few or frame.id in few[condition]):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
                     if self.shard is None or in_shard(key, *self.shard):
                         yield key
@@ -203,6 +208,11 @@ class MotionPlan(Plan):
     def motions(self) -> MotionSpace:
         """Return the space of motions."""
         return require_motions(self.space)
+
+    @property
+    def shows_once(self) -> bool:
+        """Return whether no two calls have the same stimulus: a policy may answer one several times."""
+        return False
 
     def query(self, key: CallKey, seen: Stimulus) -> Query:
         """Return a policy's query in a call."""
@@ -343,7 +353,7 @@ class _Execution:
         """Make these calls, and those that the stages add."""
         budget = budget_of(self.limits, self.plan.models, self.ledger)
         self.caller = Caller(self.ledger, budget, attempts=self.attempts, again=self.again, lacks=self.plan.lacks)
-        self.stimuli = self.plan.stimuli()
+        self.stimuli = self.plan.stimuli(kept=not self.plan.shows_once)
         to_the_end(self._run(todo))
         outcome = RunOutcome(
             dict(budget.set_aside), budget.stopped, budget.uncounted, budget.failures(), budget.lasting()
@@ -394,7 +404,6 @@ class _Execution:
                 self.stages.finished(key, made.reply)
             self.done += made.finished  # after the await, because other workers count too
             self._report()
-            await asyncio.sleep(0)  # lets other models' calls and interrupts in
 
     def _report(self) -> None:
         if self.progress is not None:

@@ -26,12 +26,16 @@ class _CachingBank(FrameBank):
 
 
 class Stimuli:
-    """Each condition's stimulus for a frame, made once for all models, through a view if any."""
+    """Each condition's stimulus for a frame, made once for all models, through a view if any.
 
-    def __init__(self, bank: FrameBank, seed: int, view: View | None = None) -> None:
+    Those that are not ``kept`` are made at each use, which for one model is the only one.
+    """
+
+    def __init__(self, bank: FrameBank, seed: int, view: View | None = None, *, kept: bool = True) -> None:
         self._bank = _CachingBank(**{field.name: getattr(bank, field.name) for field in fields(FrameBank)})
         self._seed = seed
         self._view = view
+        self._kept = kept
         self._made: BoundedCache[tuple[str, str], Stimulus] = BoundedCache(
             lambda made: sum(map(len, made.pictures)), _MOST_BYTES, _MOST_PICTURES
         )
@@ -42,4 +46,4 @@ class Stimuli:
         def make() -> Stimulus:
             return through(self._view, show(condition, self._bank.frame(frame_id), self._bank, self._seed), frame_id)
 
-        return self._made.get((condition, frame_id), make)
+        return self._made.get((condition, frame_id), make) if self._kept else make()

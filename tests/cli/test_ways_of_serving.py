@@ -248,7 +248,7 @@ def test_a_run_goes_on_at_another_address_where_that_is_said(bank: FrameBank, tm
     with served() as second:
         refusal = battery(bank, run, second, "--no-probe").exception
         assert f"this run asked openai:m at {first.base_url}" in str(refusal)
-        assert "with --moved to continue there" in str(refusal)
+        assert "continue a run with --moved, which records it" in str(refusal)
         for _ in range(2):
             assert battery(bank, run, second, "--no-probe", "--moved").exit_code == 0
         assert battery(bank, run, second, "--no-probe").exit_code == 0

@@ -44,7 +44,13 @@ def test_its_python_runs(tmp_path: Path) -> None:
         (tmp_path / name).write_text(rest)
     said = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert said.stdout.startswith(("Inconclusive. ", "No. "))
-    done = subprocess.run([sys.executable, "-m", "pytest", "-q"], cwd=tmp_path, capture_output=True, text=True)  # noqa: PLW1510
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "--basetemp", tmp_path / "inner"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 1
     assert "scripted:presence looks: " in done.stdout
 

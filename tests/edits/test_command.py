@@ -16,7 +16,7 @@ from eyechart.cli.app import app
 from eyechart.conditions import CONTROLS, COUNTERFACTUALS
 from eyechart.edits import PICTURES, Photo
 from eyechart.edits.controls import EVERY, Edit
-from eyechart.edits.sheet import Sheets
+from eyechart.edits.edit import Sheets
 from eyechart.frames import check, open_bank
 
 NEAR_FAR = ("--near", "2.6:4.4", "--far", "18:27")

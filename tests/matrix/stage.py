@@ -20,7 +20,16 @@ ADDRESSES = 3 << 30
 """Bytes of addresses that a command may take, more than an ordinary one needs."""
 GRACE_S = 10.0
 _HEAVY = ("torch", "transformers", "ray", "datasets")
-_EXTRAS = ("pyarrow.parquet", "av", "PIL.PngImagePlugin", "scipy.stats")
+_LATE = (
+    "pyarrow.parquet",
+    "av",
+    "PIL.PngImagePlugin",
+    "PIL.WebPImagePlugin",
+    "scipy.stats",
+    "typer._adapters",
+    "rich.progress",
+)
+"""What commands import when they need it: a fork would do so anew."""
 
 
 Hook = Callable[[], Callable[[], None] | None]
@@ -59,7 +68,7 @@ def load() -> None:
         if not any(name in package.name for name in ("huggingface", "ray", "drone", "__main__", "eyechart.inspect")):
             with suppress(ImportError):
                 importlib.import_module(package.name)
-    for name in _EXTRAS:
+    for name in _LATE:
         with suppress(ImportError):
             importlib.import_module(name)
 

@@ -4,12 +4,14 @@ import asyncio
 import base64
 import email.utils
 import gzip
+import hashlib
 import json
 import time
 from collections.abc import Callable
 from urllib.parse import quote
 
 import numpy as np
+import orjson
 import pytest
 from aiohttp import web
 
@@ -17,6 +19,7 @@ from eyechart.calls import Query, Reply, bounded
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
 from eyechart.limits import is_asking_too_much
+from eyechart.messages import Turn
 from eyechart.models import Model, open_model
 from eyechart.models.http import proxy_for
 from eyechart.modes import RequestMode
@@ -26,6 +29,7 @@ from faults import FaultServer, answer, completion, refuse
 
 PICTURE = encode(np.full((8, 8, 3), 128, dtype=np.uint8))
 QUERY = Query("Drive.", "Which action?", Stimulus.of(PICTURE), 2**62 + 5, DRIVING.schema())
+JPEG = b"\xff\xd8\xff\xe0"
 KEY = "sk-test-0123456789abcdef"
 
 
@@ -137,6 +141,38 @@ def test_a_jpeg_is_sent_as_a_jpeg() -> None:
     with FaultServer() as server:
         ask(server, query=Query("", "?", Stimulus.of(b"\xff\xd8\xff\xe0"), 1))
     assert "data:image/jpeg;base64," in str(server.asked[0])
+
+
+def test_a_body_with_pictures_in_their_places_is_that_of_the_whole_json() -> None:
+    """To the byte, as the ledger holds its digest; also beside words with the sign of a place."""
+    turns = (
+        Turn("system", ('Mind \0 and "this".',)),
+        Turn("user", (PICTURE, "first \0", JPEG, "second")),
+        Turn("assistant", ("SLOW",)),
+        Turn("user", ("And now? ü", PICTURE)),
+    )
+    query = Query('Mind \0 and "this".', "And now? ü", Stimulus.of(PICTURE), 5, DRIVING.schema(), turns)
+    with FaultServer() as server:
+        reply = ask(server, query, structured="json_schema", body={"note": "\0"})
+        (sent,) = server.asked
+    content = [_plain(part) for part in turns[1].parts]
+    assert [one["content"] for one in sent["messages"]] == [
+        turns[0].words,
+        content,
+        "SLOW",
+        [_plain(part) for part in turns[3].parts],
+    ]
+    assert sent["note"] == "\0"
+    whole = orjson.dumps(sent)
+    assert (len(whole), hashlib.sha256(whole).hexdigest()) == (reply.payload_bytes, reply.payload_sha256)
+
+
+def _plain(part: str | bytes) -> dict[str, object]:
+    """Return a part of a message as the API has it."""
+    if isinstance(part, str):
+        return {"type": "text", "text": part}
+    kind = "image/jpeg" if part == JPEG else "image/png"
+    return {"type": "image_url", "image_url": {"url": f"data:{kind};base64,{base64.b64encode(part).decode()}"}}
 
 
 def test_several_cameras_are_sent_in_their_order_before_the_words() -> None:

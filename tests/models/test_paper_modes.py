@@ -10,8 +10,8 @@ import banks
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.manifest import read_manifest
-from eyechart.models import PAPER, find_mode, known_modes, ollama
-from eyechart.modes import RequestMode, read_mode
+from eyechart.models import find_mode, known_modes, ollama
+from eyechart.modes import RequestMode
 from faults import Loopback
 from ollama_stand_in import StandIn
 
@@ -42,7 +42,7 @@ def call(*words: object) -> Result:
 
 
 def test_there_is_a_mode_of_every_model_of_both_arms() -> None:
-    """And no other: eleven files, each of a model of its own."""
+    """And no other: eleven modes, each of a model of its own."""
     modes = known_modes()
     assert {name: mode.about["paper"] for name, mode in modes.items()} == HOSTED | STRUCTURED
     assert len({mode.spec for mode in modes.values()}) == 11
@@ -51,7 +51,7 @@ def test_there_is_a_mode_of_every_model_of_both_arms() -> None:
 @pytest.mark.parametrize("name", [*HOSTED, *STRUCTURED])
 def test_a_mode_says_what_is_printed_and_what_is_ours(name: str) -> None:
     """It was never tried, names its source, holds no secret or address, and keeps to what its adapter knows."""
-    mode = read_mode(PAPER / f"{name}.toml")
+    mode = known_modes()[name]
     assert list(mode.about) == ["paper", "arm", "tested", "source", "printed", "ours"]
     assert all(mode.about.values())
     assert (mode.about["tested"], mode.measured, mode.headers, mode.base_url) == ("no", None, {}, "")

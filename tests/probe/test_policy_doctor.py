@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from arm_logs import arm_bank
 from eyechart.api import examine_policy as examine
+from eyechart.channels import flat_state
 from eyechart.cli.app import app
 from eyechart.cli.terminal import patience
 from eyechart.errors import BankError, SpecError
@@ -81,7 +82,7 @@ def test_a_gripper_that_closes_where_it_should_open_is_found(tmp_path: Path, sig
     ],
 )
 def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words: str) -> None:
-    """In at most twenty calls; what is sound is said to be."""
+    """In at most 24 calls; what is sound is said to be."""
     diagnosis = examine_policy(f"python:arms:{name}", bank)
     said = {finding.name: finding for finding in diagnosis.findings}
     assert amiss <= {finding.name for finding in diagnosis.findings if finding.fine is False}
@@ -129,7 +130,7 @@ def test_faults_that_people_ship_are_named(
     fine: bool | None,  # noqa: FBT001 - one of the cases
     words: str,
 ) -> None:
-    """By the check that they concern, within twenty calls; what cannot be known is not called a fault."""
+    """By the check that they concern, within 24 calls; what cannot be known is not called a fault."""
     diagnosis = examine_policy(f"python:faulty_arms:{name}", bank)
     (one,) = (finding for finding in diagnosis.findings if finding.name == check)
     assert (one.fine, words in one.says) == (fine, True), one
@@ -264,6 +265,24 @@ def test_cameras_stand_for_all_of_them_together(
     assert said["cameras"].fine
 
 
+def test_a_picture_that_matters_in_some_frames_only_is_found_by_further_ones(bank: FrameBank) -> None:
+    """The first frame may be one of those where it does not; and what is silent says in how many it was tried."""
+    first = np.array(flat_state(bank.frames[0].state))
+
+    def act(images: Mapping[str, np.ndarray], state: np.ndarray, instruction: str | None) -> np.ndarray:
+        del instruction
+        seen = 0.0 if np.allclose(state, first) else float(images["top"].astype(float).sum()) % 7.0
+        return np.full((8, 3), seen) + state.mean()
+
+    said = {finding.name: finding for finding in examine(bank, act).findings}
+    assert said["cameras"].fine, said["cameras"]
+    assert said["camera:top"].fine
+    reach = {finding.name: finding for finding in examine_policy("python:arms:reach_undeclared", bank).findings}
+    tried = re.search(r"not one bit of the answer, in (\d) frames that were tried", reach["camera:wrist"].says)
+    assert tried is not None
+    assert int(tried[1]) > 1
+
+
 def test_a_camera_that_reaches_nobody_is_amiss_though_all_are_declared(bank: FrameBank) -> None:
     """Where no other one reaches the policy either."""
     said = {finding.name: finding for finding in examine_policy("python:arms:middle_all_cameras", bank).findings}
@@ -274,7 +293,7 @@ def test_what_takes_long_says_how_far_it_is(bank: FrameBank, monkeypatch: pytest
     """On standard error; what is quick says nothing."""
     monkeypatch.setattr("eyechart.cli.probe.patience", partial(patience, every_s=0.2))
     slow = CliRunner().invoke(app, ["doctor", "python:faulty_arms:slow_failure", "--frames", str(bank.root), "--json"])
-    assert re.search(r"doctor: call \d of at most 20", slow.stderr)
+    assert re.search(rf"doctor: call \d of at most {MOST_CALLS}", slow.stderr)
     assert json.loads(slow.stdout)["calls"] == 3
     monkeypatch.setattr("eyechart.cli.probe.patience", partial(patience, every_s=600))
     quick = CliRunner().invoke(app, ["doctor", "python:arms:broken", "--frames", str(bank.root)])

@@ -266,6 +266,12 @@ def test_an_example_is_no_answer_and_a_correction_in_words_is_heard() -> None:
         ('{"speed": 5, "speed_unit": "m/s", "steer": 0.1, "steer_unit": "rad"}', True),
         ('{"speed": 5, "steer": 0.1, "unit": "m/s and rad"}', True),
         ('{"speed": 5, "steer": 0.1, "unit_test": "km/h"}', True),
+        ('{"speed": 5, "steer": 0.1} (steer in degrees)', False),
+        ('{"speed": 5, "steer": 0.1}, where `steer` is given in deg.', False),
+        ('I state speed (km/h) and steer (rad): {"speed": 5, "steer": 0.1}', False),
+        ('{"speed": 5, "steer": 0.1} (Steer in radians, speed [m/s])', True),
+        ('{"speed": 5, "steer": 0.1} I steer in the left lane, speed in check.', True),
+        ('{"speed": 5, "steer": 0.1} (in degrees)', True),
     ],
 )
 def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: object) -> None:
@@ -273,5 +279,6 @@ def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: o
     fields = [AnswerField("speed", "number", "speed", unit="m/s"), AnswerField("steer", "number", "steer", unit="rad")]
     found = read_fields(text, fields)
     assert (found.values, found.why) == ((5.0, 0.1), None) if read else (None, "other_unit")
-    alone = read_fields('{"speed": 5, "unit": "km/h"}', fields[:1])
-    assert alone.why == "other_unit"
+    for own in ('{"speed": 5, "unit": "km/h"}', '{"speed": 5} (in km/h)', 'Units: km/h. {"speed": 5}'):
+        assert read_fields(own, fields[:1]).why == "other_unit"
+    assert read_fields('{"speed": 5} (in m/s)', fields[:1]).values == (5.0,)

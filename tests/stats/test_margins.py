@@ -22,6 +22,27 @@ drawn = stats.random_table([30, 11, 7], [25, 23], seed=np.random.default_rng(3))
 assert tables.dtype == drawn.dtype and (tables == drawn).all()
 """
 
+COMPILED = """
+import sys, threading
+from eyechart.stats.statistic import special_functions
+over = threading.Event()
+if sys.argv[1] == "beside":
+    threading.Thread(target=over.wait, daemon=True).start()
+found = special_functions()
+assert ("scipy.special" in sys.modules) == (sys.argv[1] == "beside"), "the compiled functions alone, by one thread"
+import scipy.special, scipy.stats
+for name in ("stdtrit", "chdtrc", "bdtrc", "betaincinv", "gammaln"):
+    assert getattr(found, name) is getattr(scipy.special, name), name
+assert scipy.special.softmax([0.0]) == 1 and scipy.stats.norm.sf(0) == 0.5
+over.set()
+"""
+
+
+@pytest.mark.parametrize("how", ["alone", "beside"])
+def test_compiled_functions_are_those_of_scipy_which_comes_after_them_without_harm(how: str) -> None:
+    """Without the rest of ``scipy.special``, unless another thread runs that might import it at once."""
+    subprocess.run([sys.executable, "-c", COMPILED, how], check=True)
+
 
 def test_the_sampler_alone_draws_what_scipy_draws() -> None:
     """In a process that has not imported ``scipy.stats``; that comes after it without harm."""

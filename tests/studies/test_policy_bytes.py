@@ -11,10 +11,10 @@ from test_policy_adversaries import drifting, trace
 
 from arms import Images, deaf, reach
 from eyechart.frames import FrameBank, decode, open_bank
-from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
 from eyechart.studies.policy.scores import judge
 from eyechart.verdicts.policy_verdict import PolicyVerdict
+from known import table
 
 pytestmark = pytest.mark.slow
 
@@ -88,8 +88,8 @@ def learnt_else_noise(images: Images, state: np.ndarray, instruction: str | None
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    result = open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("bytes") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    result = table(tmp_path_factory.mktemp("bytes") / "bank")
     HERE[:] = [result.root]
     return result
 

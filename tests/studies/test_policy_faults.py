@@ -11,6 +11,7 @@ import pytest
 from arm_logs import arm_bank
 from eyechart.channels import far_off
 from eyechart.frames import FrameBank
+from eyechart.importing import Choices, import_table, read_rig
 from eyechart.models import policy_callable
 from eyechart.models.policy_callable import PolicyCallable
 from eyechart.probe.policies import examine_policy
@@ -264,6 +265,38 @@ def test_rows_that_are_far_in_many_episodes_are_kept_and_hide_no_use(tmp_path: P
     assert found.value < 0.1
     assert found.carried["aj0"] > 0.5
     assert found.as_dict()["detail"]["carried"]["aj0"] == found.carried["aj0"]
+
+
+@pytest.mark.parametrize(("scale", "label"), [("", "undecided"), ("1.0", "ignores_camera")])
+def test_a_number_that_is_constant_in_the_log_hides_no_use(tmp_path: Path, scale: str, label: str) -> None:
+    """The log gives it no scale, so that no size of its moves is small; a declared scale says what is."""
+    arm_bank(tmp_path / "arm", tasks=("go",), length=8, episodes=12, horizon=1)
+    head, *rows = (tmp_path / "arm" / "t.csv").read_text().splitlines()
+    (tmp_path / "arm" / "t.csv").write_text("\n".join([head, *(f"{row.rpartition(',')[0]},0" for row in rows)]))
+    rig = tmp_path / "arm" / "rig.toml"
+    rig.write_text(f"{rig.read_text()}{f'scale = {scale}' if scale else ''}\n")
+    chosen = Choices(rig=read_rig(rig), prompt_columns=("task",))
+    bank = import_table(tmp_path / "arm", tmp_path / "arm" / "t.csv", tmp_path / "bank", chosen)
+    found = {}
+    for name in ("by_state_and_a_little_by_sight", "by_state_and_its_last_bits"):
+        spec = f"python:test_policy_faults:{name}"
+        policy.run(policy.plan(bank.root, [spec], tmp_path / name))
+        found[name] = judge(policy.score(tmp_path / name))[spec].camera
+    seen, blind = found.values()
+    assert (seen.label, blind.label) == (label, "ignores_camera")
+    assert label == "ignores_camera" or "some go with it: aj1 (T 0." in seen.because
+
+
+def by_state_and_a_little_by_sight(images: dict[str, Any], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Go by the state alone, and a little by the picture in the second number, which the log never moves."""
+    del instruction
+    return np.array([[-0.3 * state[0], 0.03 * (float(images["front"][0, 0, 0]) - 125) / 100]])
+
+
+def by_state_and_its_last_bits(images: dict[str, Any], state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Go by the state alone, but for the rounding of a network."""
+    del instruction
+    return np.array([[-0.3 * state[0], 1e-5 * (float(images["front"][0, 0, 0]) - 125) / 100]])
 
 
 def test_a_wrong_state_is_not_all_that_places_vary(tmp_path: Path) -> None:

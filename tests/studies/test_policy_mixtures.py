@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from test_policy_adversaries import drifting
 
+import known
 from arms import Images, deaf, middle, reach
 from eyechart.frames import FrameBank
-from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
 from eyechart.studies.policy.scores import judge
 from eyechart.verdicts.policy_verdict import AXES, PolicyVerdict
@@ -91,8 +91,8 @@ for _name, (_plain, _less, _axis) in MIXTURES.items():
 
 @pytest.fixture(scope="module")
 def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
-    """Return a bank of twelve episodes of four frames."""
-    return open_bank_simulator("tabletop").build(tmp_path_factory.mktemp("mixtures") / "bank", steps=4)
+    """Return a bank of twelve episodes of two frames."""
+    return known.table(tmp_path_factory.mktemp("mixtures") / "bank")
 
 
 def on_the_way_down(bank: FrameBank, out: Path, name: str) -> list[PolicyVerdict]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 from eyechart.api.battery import _ask, _Mode
 from eyechart.api.reports import RunReport, row_of, written_page
 from eyechart.api.subjects import each_named, placed, require_arguments, require_new, require_several, still
-from eyechart.errors import SpecError, speaks_of_arguments, whole_number
+from eyechart.errors import SpecError, printable, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank, open_bank
 from eyechart.models import OpenedModel, states
 from eyechart.models.policy_callable import hold
@@ -184,7 +184,8 @@ def run_policies(
     assert planned is not None  # a failed probe raises before this
     outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
-        warnings.warn(f"{spec} was set aside, and is judged by its answers before that: {why}", stacklevel=3)
+        said = f"{spec} was set aside, and is judged by its answers before that: {printable(why)}"
+        warnings.warn(said, stacklevel=3)
     return _read(still(out, place))
 
 
@@ -206,7 +207,7 @@ def examine_policy(
     timeout_s: float | None = None,
     prompt: str | None = None,
 ) -> PolicyDiagnosis:
-    """Test a policy with at most twenty calls, as ``eyechart doctor`` does, and return its faults.
+    """Test a policy with at most 24 calls, as ``eyechart doctor`` does, and return its faults.
 
     ``prompt`` is a TOML file that asks a served model for a motion in words.
 

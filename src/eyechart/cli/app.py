@@ -56,7 +56,8 @@ def modes(
     json: Json = False,
 ) -> None:
     """List the request modes of the paper's models, or print one as a file. None was ever tried."""
-    from eyechart.models import PAPER, known_modes
+    from eyechart.models import known_modes
+    from eyechart.modes import mode_text
 
     known = known_modes()
     if name is not None and name not in known:
@@ -64,9 +65,18 @@ def modes(
     if json:
         print_json({one: mode.as_dict() for one, mode in known.items() if name in (None, one)})
     elif name is not None:
-        print_line((PAPER / f"{name}.toml").read_text(encoding="utf-8").rstrip("\n"))
+        print_line(f"{_mode_comment(known[name])}{mode_text(known[name])}".rstrip("\n"))
     else:
         _show({one: _mode_words(mode) for one, mode in known.items()}, json=False)
+
+
+def _mode_comment(mode: "RequestMode") -> str:
+    """Return the head of a mode's file: whose it is, and what the paper does not say."""
+    said = f"# {mode.about['paper']} of the paper's {mode.about['arm']} arm. Never tried: run 'eyechart probe' first.\n"
+    if mode.spec.startswith("openai:"):
+        said += "# The paper names no endpoint: set base_url to the server's address, and spec to its model name.\n"
+        said += '# base_url = "https://…/v1"\n# key_env = "…"\n'
+    return said
 
 
 def _mode_words(mode: "RequestMode") -> str:

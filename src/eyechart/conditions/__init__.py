@@ -12,7 +12,7 @@ import numpy as np
 from eyechart.channels import ALONE, CAMERA, CAMERAS, INSTRUCTION, MOVES, STATE, TOLD, partner_of, partner_place
 from eyechart.corruptions import CORRUPTIONS, LEAST_SIDE, STEPS, Corruption, step_of
 from eyechart.errors import BankError, SpecError, did_you_mean, require_known
-from eyechart.frames import PATCHED, RGB, Camera, Frame, FrameBank, PictureEncoding, Source, Stimulus, decode
+from eyechart.frames import PATCHED, RGB, Camera, Frame, FrameBank, PictureEncoding, Source, Stimulus, decode, noises
 from eyechart.seeds import key_seed
 from eyechart.stats.partners import NOBODY
 
@@ -101,11 +101,11 @@ def _grey(shape: tuple[int, int, int], encoding: PictureEncoding) -> bytes:
 
 
 def _noise(frame: Frame, source: Source, seed: int) -> Stimulus:
-    rng, written = np.random.default_rng(seed), source.encoding.noise
+    written, shapes = source.encoding.noise, [source.shapes(one) for one in frame.window]
+    drawn, each = noises(seed, [shape for one in shapes for shape in one.values()]), iter(shapes)
 
     def noise(one: Frame) -> Stimulus:
-        shapes = source.shapes(one).items()
-        return _shown(one, {name: written(rng.integers(0, 256, shape, dtype=np.uint8)) for name, shape in shapes})
+        return _shown(one, {name: written(next(drawn)) for name in next(each)})
 
     return _each(noise, frame)
 

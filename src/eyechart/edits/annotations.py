@@ -1,13 +1,17 @@
 """What is known of photographs: their table, and the boxes, masks and distances of what they show."""
 
-from collections.abc import Collection, Mapping, Sequence
+import csv
+import io
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
 
 from eyechart.conditions import CONTROLS, COUNTERFACTUALS
 from eyechart.edits.geometry import Box, Mask
 from eyechart.errors import SourceError, suggestion
-from eyechart.frames import DISTANCES
+from eyechart.frames import DISTANCES, encode
 from eyechart.importing.cells import Cell, Row, is_nothing, read_key, read_number
 from eyechart.importing.columns import no_column
 from eyechart.importing.faults import Faults
@@ -22,6 +26,9 @@ in the picture, or a region in which things were not annotated."""
 BOXES = ("xyxy", "xywh", "cxcywh", "percent")
 """What the four numbers of a box are: two corners; a corner and the size; the middle and the size;
 or a corner and the size as percent of the picture's."""
+
+PHOTOS, OBJECTS = "photos.csv", "objects.csv"
+"""The files of the two tables that an edit writes."""
 
 SIDES = ("left", "right")
 
@@ -267,3 +274,45 @@ def _positive(row: Row, name: str, where: str) -> float | None:
     if found is not None and found <= 0:
         raise SourceError(f"{where}: {name} is {found:g}; a distance is more than 0, and an empty cell is unknown")
     return found
+
+
+def csv_of(rows: Sequence[Mapping[str, object]], columns: Sequence[str]) -> bytes:
+    """Return rows as a CSV file; an unknown cell is empty."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: "" if cell is None else cell for name, cell in row.items()} for row in rows)
+    return text.getvalue().encode()
+
+
+def as_tables(photos: Sequence[Photo], columns: Sequence[str]) -> dict[str, bytes]:
+    """Return the files of the two tables, and of the masks that no file holds yet."""
+    files: dict[str, bytes] = {}
+    rows = []
+    for photo in photos:
+        for number, thing in enumerate(photo.things):
+            mask = thing.mask
+            if thing.cut_out is not None:
+                mask = f"masks/{photo.file}-{number}.png"
+                files[mask] = encode(np.repeat(thing.cut_out[..., None] * np.uint8(255), 3, axis=2))
+            rows.append(_row(photo.file, thing, mask))
+    of_photos = [{"file": one.file, **one.cells, **dict(_of_photo(one))} for one in photos]
+    return {
+        PHOTOS: csv_of(of_photos, ("file", *columns, *OF_PHOTOS)),
+        OBJECTS: csv_of(rows, OF_OBJECTS),
+        **files,
+    }
+
+
+def _of_photo(photo: Photo) -> Iterator[tuple[str, object]]:
+    yield "horizon", photo.horizon
+    yield "vanishing", photo.vanishing
+    yield "beside", " ".join(photo.beside)
+    yield "clear_to_m", photo.clear_to_m
+
+
+def _row(file: str, thing: ObjectBox, mask: str) -> dict[str, object]:
+    distance_m = None if thing.distance_m is None else round(thing.distance_m, 3)
+    corners = {name: round(value, 2) for name, value in zip(("x0", "y0", "x1", "y1"), thing.box, strict=True)}
+    seen = {"truncated": thing.truncated or None, "occluded": thing.occluded or None}
+    return {"file": file, "role": thing.role, **corners, "distance_m": distance_m, "mask": mask, **seen}

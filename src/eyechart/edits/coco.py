@@ -11,7 +11,7 @@ import numpy as np
 
 from eyechart.edits.annotations import IGNORED, LEAD, OTHER, OWN, ROLES, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box, Mask
-from eyechart.edits.numbers import BoundedNumber, read_document
+from eyechart.edits.text_labels import BoundedNumber, read_document
 from eyechart.errors import SourceError, suggestion
 from eyechart.frames import MAX_PIXELS
 from eyechart.importing.faults import Faults

@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eyechart.edits import coco, kitti, mot, nuscenes, yolo
+from eyechart.edits import coco, nuscenes
 from eyechart.edits.annotations import LEAD, OTHER, Annotations, ObjectBox, Photo, read_photos, require_one_lead
 from eyechart.edits.geometry import Lines
 from eyechart.edits.lines import Sight
+from eyechart.edits.text_labels import read_kitti, read_mot, read_yolo
 from eyechart.errors import SourceError
 from eyechart.importing.faults import Faults
 
@@ -24,15 +25,15 @@ class AnnotationFormat:
 
 
 ANNOTATION_FORMATS: Mapping[str, AnnotationFormat] = {
-    "kitti": AnnotationFormat(kitti.read, "the folder label_2, with calib beside it", "masks"),
+    "kitti": AnnotationFormat(read_kitti, "the folder label_2, with calib beside it", "masks"),
     "nuscenes": AnnotationFormat(nuscenes.read, "the folder of its tables, as v1.0-mini", "masks"),
     "coco": AnnotationFormat(
         coco.read, "the JSON file; CVAT, Label Studio and Roboflow export it", "a horizon; distance_m is an attribute"
     ),
     "yolo": AnnotationFormat(
-        yolo.read, "the folder of its text files", "a horizon; distance_m is one column more than usual"
+        read_yolo, "the folder of its text files", "a horizon; distance_m is one column more than usual"
     ),
-    "mot": AnnotationFormat(mot.read, "gt.txt or det.txt", "distances and a horizon"),
+    "mot": AnnotationFormat(read_mot, "gt.txt or det.txt", "distances and a horizon"),
 }
 """Every form but the two tables, by its name in ``--format``."""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eyechart.edits.annotations import OTHER, Annotations, ObjectBox, Photo
 from eyechart.edits.geometry import Box
-from eyechart.edits.numbers import BoundedNumber, read_document
+from eyechart.edits.text_labels import BoundedNumber, read_document
 from eyechart.errors import SourceError, raising
 from eyechart.importing.cells import Cell
 from eyechart.importing.faults import Faults

@@ -35,6 +35,7 @@ from eyechart.frames.nouns import (
     MirrorAxis,
     Provenance,
     Scalar,
+    SharedFrames,
     Source,
     Stimulus,
     alone,
@@ -42,8 +43,9 @@ from eyechart.frames.nouns import (
     is_reserved,
     require_exchanged,
     rounded_truth,
+    same_moments,
+    shared_frames,
 )
-from eyechart.frames.overlap import SharedFrames, same_moments, shared_frames
 from eyechart.frames.pictures import (
     AS_STORED,
     ENCODINGS,
@@ -60,6 +62,7 @@ from eyechart.frames.pictures import (
     inside,
     is_bare,
     media_type,
+    noises,
     pixels_of,
     read_bounded,
     size_of,
@@ -118,6 +121,7 @@ __all__ = [
     "made_plain",
     "may_declare",
     "media_type",
+    "noises",
     "open_bank",
     "open_unchecked",
     "own_folder",

@@ -1,4 +1,7 @@
-"""The record of an edit beside a table: how its control pictures were made, and their digests."""
+"""The record of an edit beside a table: how its control pictures were made, and their digests.
+
+A bank of edited pictures is such a record of its own.
+"""
 
 import hashlib
 from collections import Counter
@@ -8,11 +11,12 @@ from typing import Any, Literal
 
 import msgspec
 
-from eyechart.errors import SourceError, raising, text_file
-from eyechart.frames import Provenance
+from eyechart.errors import BankError, SourceError, raising, text_file
+from eyechart.frames import Provenance, open_bank, read_bank_manifest
 
 RECORD = "edit.json"
 """The file of the record, in the folder of the table."""
+_MANIFEST = "manifest.json"
 
 
 class RefusedPicture(msgspec.Struct, frozen=True):
@@ -34,12 +38,17 @@ class RecordedEdit(msgspec.Struct, frozen=True):
     digests: dict[str, str]
     scales: dict[str, tuple[float, float]] = {}
 
+    @property
+    def name(self) -> str:
+        """Return the name of the file that says so."""
+        return RECORD
+
     def agreed(self, said: Provenance, table: Path) -> Provenance:
         """Return that its pictures are edited; raises SourceError if something else was ``said``."""
         if said not in {"", self.made}:
             raise SourceError(
-                f"{table.parent / RECORD} says that the control pictures are edited, and --made says {said}: leave out "
-                "--made, or import the table of other pictures"
+                f"{table.parent / self.name} says that the control pictures are edited, and --made says {said}: "
+                "leave out --made, or import the table of other pictures"
             )
         return self.made
 
@@ -57,9 +66,29 @@ class RecordedEdit(msgspec.Struct, frozen=True):
         """Raise SourceError unless a picture, named from the table's folder, is as the edit left it."""
         recorded = self.digests.get(file)
         if recorded is None:
-            raise SourceError(f"'{file}' is no picture that {RECORD} names; edit the photographs again")
+            raise SourceError(f"'{file}' is no picture that {self.name} names; edit the photographs again")
         if recorded != hashlib.sha256(picture).hexdigest():
-            raise SourceError(f"'{file}' is not the picture that {RECORD} names: its SHA-256 differs")
+            raise SourceError(f"'{file}' is not the picture that {self.name} names: its SHA-256 differs")
+
+
+class BankedEdit(RecordedEdit, frozen=True, kw_only=True):
+    """An edit as a bank keeps it: the files of its control pictures, and the manifest's summary."""
+
+    controls: frozenset[str]
+    kept: dict[str, object]
+
+    @property
+    def name(self) -> str:
+        """Return the name of the file that says so."""
+        return _MANIFEST
+
+    def makes(self, file: str) -> bool:
+        """Return whether a picture, named from the bank's folder, is a control picture."""
+        return file in self.controls
+
+    def summary(self) -> dict[str, object]:
+        """Return what the bank's manifest keeps."""
+        return self.kept
 
 
 def edit_above(place: Path, home: Path) -> tuple[str, RecordedEdit] | None:
@@ -73,9 +102,14 @@ def edit_above(place: Path, home: Path) -> tuple[str, RecordedEdit] | None:
 
 
 def read_edit(folder: Path) -> RecordedEdit | None:
-    """Read the record in the folder of a table, None without one; raises SourceError if it is damaged."""
-    path = folder / RECORD
-    return _read(path, path.stat().st_mtime_ns) if path.exists() else None
+    """Read the record in the folder of a table, else that of an edited bank there; None without one.
+
+    Raises SourceError if it is damaged.
+    """
+    path, bank = folder / RECORD, folder / _MANIFEST
+    if path.exists():
+        return _read(path, path.stat().st_mtime_ns)
+    return _banked(folder, bank.stat().st_mtime_ns) if bank.is_file() else None
 
 
 @lru_cache(maxsize=4)
@@ -84,3 +118,20 @@ def _read(path: Path, changed: int) -> RecordedEdit:
     del changed
     with raising(SourceError, f"{path} is no record of an edit", of=(OSError, msgspec.MsgspecError, RecursionError)):
         return msgspec.json.decode(text_file(path).read_bytes(), type=RecordedEdit)
+
+
+@lru_cache(maxsize=4)
+def _banked(folder: Path, changed: int) -> RecordedEdit | None:
+    """Return the record of a bank whose manifest ``changed`` then; None if its pictures are not edited."""
+    del changed
+    try:
+        manifest = read_bank_manifest(folder)
+    except BankError:  # another program's manifest
+        return None
+    if manifest.provenance != "edited":
+        return None
+    with raising(SourceError, f"{folder} is a bank of edited pictures that cannot be read", of=BankError):
+        bank = open_bank(folder)
+    controls = frozenset(file for frame in bank for many in frame.counterfactuals.values() for file in many.values())
+    digests, kept = dict(manifest.images), dict(manifest.edit)
+    return BankedEdit("edited", "", {}, {}, (), digests, controls=controls, kept=kept)

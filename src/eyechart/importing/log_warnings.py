@@ -9,13 +9,11 @@ import numpy.typing as npt
 
 from eyechart.channels import far_off, flat_state, logs, rare, relative_log, state_names
 from eyechart.frames import IMPORTED, Frame, FrameBank
-from eyechart.spaces.motion import MotionSpace
+from eyechart.spaces.motion import ONE_VALUE, MotionSpace
 from eyechart.stats.outliers import outlying, recurs
 
 LEAST_FRAMES = 3
 """The fewest frames of an episode in which one unchanged picture is suspicious."""
-ONE_VALUE = 1e-9
-"""A dimension with at most this spread has one value, as in `MotionSpace.scales`."""
 SMALL = 1e-3
 """A dimension that varies by less than this share of the others is reported, because it counts as
 much as they do."""

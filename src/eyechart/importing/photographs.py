@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 from eyechart.errors import BankError, SourceError, plain_file, raising, whole_number
 from eyechart.frames import MAX_IMAGE_BYTES, Provenance, encode, inside, made_plain, read_colour, require_plain
-from eyechart.importing.edit_record import RECORD, RecordedEdit, edit_above
+from eyechart.importing.edit_record import RecordedEdit, edit_above
 
 _MOST_NAME = 1_000
 
@@ -146,7 +146,7 @@ class Photographs:
         if above is not None and above[1].makes(above[0]):
             beside = place.parents[above[0].count("/")]
             raise BankError(
-                f"'{file}' was made by an edit, as {beside / RECORD} says: put the table into {beside}, or say "
+                f"'{file}' was made by an edit, as {beside / above[1].name} says: put the table into {beside}, or say "
                 "--made edited"
             )
 

@@ -7,8 +7,7 @@ when written rows are missing.
 """
 
 from eyechart.ledger.columns import COLUMNS, TEXTS_KEPT, Attempts, columns_of, hashed
-from eyechart.ledger.ledger import Ledger
-from eyechart.ledger.loss import accept_loss
+from eyechart.ledger.ledger import Ledger, accept_loss
 from eyechart.ledger.rows import AGAIN, UNKNOWN, Attempt, SentAttempt
 from eyechart.ledger.schema import SINCE_FORMAT_3
 

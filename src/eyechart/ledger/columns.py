@@ -113,8 +113,10 @@ class Attempts:
 
     def error(self, rows: Ints, kinds: Iterable[str | None]) -> Mask:
         """Return which rows have a reply with one of these errors; None is a reply without one."""
-        wanted = [self.code("error", kind) for kind in kinds]
-        return self.came[rows] & np.isin(self.codes["error"][rows], wanted)
+        codes, found = self.codes["error"][rows], np.zeros(len(rows), dtype=np.bool_)
+        for kind in kinds:
+            found |= codes == self.code("error", kind)
+        return self.came[rows] & found
 
     def last(self, model: str) -> Ints:
         """Return the row of each call's last final reply, or else of its last failure, by call."""

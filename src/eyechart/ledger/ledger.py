@@ -12,7 +12,7 @@ from typing import Self
 from eyechart.calls import UNFINISHED, CallKey, DecisionReader, Reply
 from eyechart.errors import LedgerError, MissingCallsWarning, counted, is_full, printable, why
 from eyechart.ledger.columns import Attempts, UnsoundError, read_columns
-from eyechart.ledger.counter import NOTHING, WrittenCounts, counting, is_alone, read_counter
+from eyechart.ledger.counter import NOTHING, LedgerCount, WrittenCounts, counting, is_alone, read_counter, write_counter
 from eyechart.ledger.rows import (
     AGAIN,
     KEY,
@@ -29,7 +29,7 @@ from eyechart.ledger.rows import (
     now,
     row_of,
 )
-from eyechart.ledger.schema import APPENDED, MIGRATION, OLDER, SCHEMAS, VERSION, format_of
+from eyechart.ledger.schema import APPENDED, MIGRATION, OLDER, SCHEMAS, VERSION, format_of, is_bare
 from eyechart.ledger.snapshot import connect, open_copy
 from eyechart.ledger.soundness import damaged, require_sound, require_whole
 
@@ -386,3 +386,33 @@ def _counted(sql: sqlite3.Connection) -> WrittenCounts:
     return WrittenCounts(
         *(sql.execute(f"SELECT count(*) FROM {name}").fetchone()[0] for name in ("attempts", "replies"))
     )
+
+
+def accept_loss(path: Path) -> WrittenCounts:
+    """Accept that written rows of a ledger are missing; return how many.
+
+    A ledger that is absent or holds no table has lost all rows; its remains get another name, and a
+    run makes a new one. No other process may write to it meanwhile. Raises LedgerError if it is
+    damaged.
+    """
+    count, held, empty = read_counter(path), NOTHING, not path.exists() or is_bare(path)
+    if not empty:
+        with Ledger(path, accepting=True) as ledger:
+            held = ledger.held()
+    lost = count.expected.without(held)
+    if empty:
+        _set_aside(path)
+    if any(lost):
+        write_counter(path, LedgerCount(held, count.lost.plus(lost)))
+    return lost
+
+
+def _set_aside(path: Path) -> None:
+    """Rename the remains of a ledger, and its log, which SQLite would take for a new ledger's."""
+    for one in (path, path.with_name(f"{path.name}-wal")):
+        if one.exists():
+            kept = one.with_name(f"{one.name}.lost.bak")
+            if kept.exists() and kept.stat().st_size:
+                raise LedgerError(f"{kept} exists, but the remains of the ledger need this name: rename it")
+            one.replace(kept)
+    path.with_name(f"{path.name}-shm").unlink(missing_ok=True)

@@ -43,7 +43,7 @@ class SampleReach:
     def of(cls, bank: FrameBank, frames: int) -> "SampleReach":
         """Return the reach of ``frames`` frames, for models with the planned noise floor."""
         some = replace(bank, frames=spread(bank.frames, frames))
-        odds = odds_of(some, draws=_DRAWS)
+        odds = odds_of(some, draws=_DRAWS, reads=(1.0,))
         lacking, reached = {}, reach_of(some)
         for name, labels in STANDS_FOR.items():
             each = [one for one in reached if one.label in labels]

@@ -2,6 +2,7 @@
 
 import os
 import time
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
@@ -61,8 +62,8 @@ Its ``names() -> dict`` gives the names after the colon, each with a description
 """
 
 
-PAPER = Path(__file__).parent / "paper"
-"""The folder of request modes of the paper's hosted and structured models; none was ever tried."""
+PAPER = Path(__file__).with_name("paper.toml")
+"""The request modes of the paper's hosted and structured models; none was ever tried."""
 
 HERE = "this machine"
 LOCAL = ("hf", "ollama")
@@ -231,7 +232,7 @@ def known_models(adapters: Mapping[str, str] = ADAPTERS) -> dict[str, str]:
 
 def known_modes() -> dict[str, RequestMode]:
     """Return the request modes that come with eyechart, by the names that ``--mode`` takes."""
-    return {file.stem: read_mode(file) for file in sorted(PAPER.glob("*.toml"))}
+    return {name: RequestMode.from_dict(said, name) for name, said in tomllib.loads(PAPER.read_text("utf-8")).items()}
 
 
 def find_mode(given: Path) -> RequestMode:

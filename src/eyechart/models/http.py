@@ -374,8 +374,8 @@ def _is_proxy(address: str) -> bool:
 
 def _retry_after(headers: Mapping[str, str]) -> float | None:
     """Return the seconds to wait before a retry: ``Retry-After`` of RFC 9110, or milliseconds."""
-    parts = number_of(_seconds(headers.get("retry-after-ms", "")))
-    if parts is not None:
+    precise = headers.get("retry-after-ms")
+    if precise is not None and (parts := number_of(_seconds(precise))) is not None:
         return min(parts / 1000, MOST["retry_after_s"])
     said = headers.get("Retry-After", "").strip()
     if not said:

@@ -1,4 +1,4 @@
-"""The doctor of policies: at most twenty calls that check their inputs and their motions."""
+"""The doctor of policies: at most 24 calls that check their inputs and their motions."""
 
 import asyncio
 import re
@@ -24,7 +24,7 @@ from eyechart.channels import (
     told,
 )
 from eyechart.conditions import mixed, show
-from eyechart.errors import BankError
+from eyechart.errors import BankError, counted
 from eyechart.event_loops import in_own_loop
 from eyechart.frames import Frame, FrameBank, Stimulus, decode, encode
 from eyechart.models import Model, OpenedModel, ask, history_of, open_policy, states
@@ -35,7 +35,7 @@ from eyechart.spaces.motion import Floats, Motion, MotionSpace, require_motions
 from eyechart.spaces.space import Decision
 from eyechart.stats.total_effect import ROUNDING
 
-MOST_CALLS = 20
+MOST_CALLS = 24
 ALIKE = 3
 """This many equal failures in a row end the examination: each call may load a network again."""
 _OUTCOMES = {True: "fine", False: "amiss", None: "cannot say"}
@@ -159,18 +159,19 @@ class _ProbeFrames:
         self.logs = logs(bank)
         self.kept = {frame.id for frame in self.logs}
 
-    def other_by(self, cameras: Sequence[str]) -> Frame | None:
-        """Return a frame of another episode with a different picture of a camera; None without one.
+    def other_by(self, cameras: Sequence[str], mine: Frame | None = None) -> Frame | None:
+        """Return a frame of another episode than ``mine`` with a different picture of a camera, else None.
 
-        It is `other`, if its pictures differ.
+        By default that is `first`. The frame is `other`, if its pictures differ.
         """
+        mine = mine or self.first
         images = self.bank.manifest.images
 
         def seen(frame: Frame) -> list[str]:
             return [images.get(file, file) for file in (frame.pictures[name] for name in cameras)]
 
-        others = (frame for frame in self.bank if frame.drive != self.first.drive)
-        return next((one for one in (self.other, *others) if seen(one) != seen(self.first)), None)
+        others = [frame for frame in (self.other, *self.bank) if frame.drive != mine.drive]
+        return next((one for one in others if seen(one) != seen(mine)), None)
 
     def of(self, frame: Frame) -> Stimulus:
         """Return a frame as a stimulus: pictures, fields and state, and the instants before it."""
@@ -212,10 +213,11 @@ class _ProbeFrames:
         found, wanted = (self.space.relative(one, own) for one in (answer.array, np.array(frame.motion)))
         return float((((found - wanted) / spread) ** 2).mean())
 
-    def changed(self) -> Iterator[tuple[str, Stimulus]]:
-        """Yield the first frame with one change: a channel of another frame, or a grey picture."""
-        mine, theirs, cameras = self.first, self.other, list(self.first.pictures)
-        if (other := self.other_by(cameras)) is not None:
+    def changed(self, mine: Frame | None = None) -> Iterator[tuple[str, Stimulus]]:
+        """Yield a frame, by default the first, with one change: a channel of another frame, or a grey picture."""
+        mine = mine or self.first
+        theirs, cameras = self.other if mine.drive != self.other.drive else self.first, list(mine.pictures)
+        if (other := self.other_by(cameras, mine)) is not None:
             yield CAMERAS, mixed(mine, other, CAMERAS, self.bank)
         yield "grey", show("blank", mine, self.bank, 0)
         if mine.state and mine.state != theirs.state:
@@ -223,7 +225,7 @@ class _ProbeFrames:
         if mine.fields and told(mine.fields) != told(theirs.fields):
             yield INSTRUCTION, mixed(mine, theirs, INSTRUCTION, self.bank)
         for name in cameras if len(cameras) > 1 else ():
-            if (other := self.other_by([name])) is not None:
+            if (other := self.other_by([name], mine)) is not None:
                 yield f"{CAMERA}{name}", mixed(mine, other, f"{CAMERA}{name}", self.bank)
 
     def alike(self) -> Iterator[str]:
@@ -315,6 +317,7 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         together = await calls.together([mine, theirs]) if "batch" in model.facts else []
         compared = [asked.compared(one) for one in order]
         forms = await _formed(calls, further) if not _drawn(compared) else {}
+        more = await _tried_again(calls, compared, changed, further) if not _drawn(compared) else {}
     finally:
         await close(model)
     if order[0].action is not None:
@@ -322,7 +325,7 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         seeded = model.facts.get("seedable") == "true"
         findings += [_again(compared, varies=varies, seeded=seeded)]
         findings += [_in_a_batch(compared, [asked.compared(one) for one in together])] if together else []
-        reached = list(_reached(compared, {name: asked.compared(one) for name, one in changed.items()}))
+        reached = list(_reached(compared, {name: asked.compared(one) for name, one in changed.items()}, more))
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
         findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
@@ -392,8 +395,36 @@ def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]])
     return PolicyCheck("batch", False, f"{words}: are they in the order of the queries, and without regard to others?")
 
 
-def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motion]]) -> Iterator[PolicyCheck]:
-    """Yield a check of each channel: whether its change changes the answer, and by enough."""
+async def _tried_again(
+    calls: _ProbeCalls,
+    order: list[Decision[Motion]],
+    changed: Mapping[str, Decision[Motion]],
+    further: Mapping[str, Decision[Motion]],
+) -> dict[str, list[tuple[Motion, Motion]]]:
+    """Return the answers to further frames, as they are and with a channel's change, as far as calls are left.
+
+    Only the channels of which the change of the first frame changed no bit are tried.
+    """
+    asked, first = calls.asked, order[0].action
+    silent = [name for name, one in changed.items() if first is not None and asked.compared(one).action == first]
+    found: dict[str, list[tuple[Motion, Motion]]] = {}
+    for frame in asked.further:
+        own = asked.compared(further[frame.id]).action
+        for name, seen in asked.changed(frame) if own is not None and frame.id != asked.first.id else ():
+            if name in silent and (answer := asked.compared(await calls.motion(seen)).action) is not None:
+                found.setdefault(name, []).append((own, answer))  # type: ignore[arg-type]
+    return found
+
+
+def _reached(
+    order: list[Decision[Motion]],
+    changed: Mapping[str, Decision[Motion]],
+    more: Mapping[str, list[tuple[Motion, Motion]]],
+) -> Iterator[PolicyCheck]:
+    """Yield a check of each channel: whether its change changes the answer, and by enough.
+
+    ``more`` has answers to further pairs of frames.
+    """
     first, other, drawn = order[0].action, order[2].action, _drawn(order)
     assert first is not None
     whole = 0.0 if other is None else _apart(first, other)
@@ -405,10 +436,13 @@ def _reached(order: list[Decision[Motion]], changed: Mapping[str, Decision[Motio
             why += ". A run judges it by its other answers" if name == "grey" and one is not _UNASKED else ""
             why = "its answers are drawn at random, so a change shows nothing" if drawn else why
             yield PolicyCheck(name, None, why)
-        elif (size := _apart(first, one.action)) <= near:
+        elif (size := max(_apart(*pair) for pair in ((first, one.action), *more.get(name, ())))) <= near:
             what = {"grey": "a grey picture", "state": "another state", "instruction": "another instruction"}.get(name)
             change = "the answer by no more than rounding" if rounds else "not one bit of the answer"
-            said = f"{what or 'another picture'} changes {change}: does it reach the policy?"
+            pairs = (
+                f"in {counted(1 + len(more.get(name, ())), 'frame')} that {'were' if more.get(name) else 'was'} tried"
+            )
+            said = f"{what or 'another picture'} changes {change}, {pairs}: does it reach the policy?"
             yield PolicyCheck(name, False, f"{said} Or does the policy repeat an earlier answer?")
         elif size < _FAINT * whole:
             said = f"its change of the answer is {size / whole:.2g} of another frame's: it is ignored, or hardly"

@@ -14,6 +14,7 @@ from typing import Literal, cast
 
 from eyechart.errors import SpecError, raising
 from eyechart.records import LARGEST, Name, build, parse_json, to_json_fields
+from eyechart.regexes import pattern
 from eyechart.spaces.failures import says_failed, says_no_picture
 from eyechart.spaces.linear_pattern import LinearPattern, TooLongText
 from eyechart.spaces.reader import READER, ActionNames, read_by, spelled
@@ -55,33 +56,38 @@ _VALUES_AT_MOST = 500
 _SIZE_AT_MOST = 10_000
 _LONGEST_NAME = 200
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_WITH_UNIT = re.compile(rf"({_NUMBER})\s*(.*)", re.DOTALL)
-_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf(?:inity)?)\b.*", re.IGNORECASE | re.DOTALL)
-_RANGE = re.compile(rf"(<=?|>=?)\s*({_NUMBER})|({_NUMBER})\s*\.\.\s*({_NUMBER})")
+_WITH_UNIT = pattern(rf"({_NUMBER})\s*(.*)", re.DOTALL)
+_NOT_FINITE = pattern(r"[+-]?(?:nan|inf(?:inity)?)\b.*", re.IGNORECASE | re.DOTALL)
+_RANGE = pattern(rf"(<=?|>=?)\s*({_NUMBER})|({_NUMBER})\s*\.\.\s*({_NUMBER})")
 _MINUS = str.maketrans({"−": "-", "–": "-", "‐": "-", "‑": "-", "﹣": "-", "－": "-"})
-_FENCE = re.compile(r"\s*```[\w-]*\s*(.*?)\s*```\s*", re.DOTALL)
+_FENCE = pattern(r"\s*```[\w-]*\s*(.*?)\s*```\s*", re.DOTALL)
 _AROUND = " \t\r\n\"'`*"
-_VECTOR = re.compile(r"[\[(][\d\s.,+\-eE()\[\]]*[\])]")
-_UNITS = re.compile(
+_VECTOR = pattern(r"[\[(][\d\s.,+\-eE()\[\]]*[\])]")
+_UNITS = pattern(
     r"\s?(km/h|kmh|kph|mph|m/s\^?2?|ms|cm|mm|km|ft|feet|m|metres?|meters?|s|seconds?|rad(?:ians?)?|deg(?:rees?)?|[°º%])"
     r"(?![^\W_])",
     re.IGNORECASE,
 )
-_FURTHER_UNITS = re.compile(
+_FURTHER_UNITS = pattern(
     r"\s?(?:knots?|kts?|kn|mi(?:les?)?|yards?|yd|inch(?:es)?|min(?:utes?)?|h(?:ours?|rs?)?|percent|fps|"
     r"(?:kilo|centi|milli)?met(?:re|er)s?|kilomet(?:re|er)s?|g)\b"
 )
-_PER = re.compile(r"\s?(?:/|per\b)\s?(?:\w+)", re.IGNORECASE)
+_PER = pattern(r"\s?(?:/|per\b)\s?(?:\w+)", re.IGNORECASE)
 """What makes another unit of a unit: "5 m per second" is no 5 m."""
-_THOUSANDS = re.compile(r"[ \u00a0\u202f\u2009'’_]\d{3}(?!\d)")
-_SIGN_WORD = re.compile(r"\b(?:minus|negative)\s*\Z", re.IGNORECASE)
-_DENIED = re.compile(
+_THOUSANDS = pattern(r"[ \u00a0\u202f\u2009'’_]\d{3}(?!\d)")
+_SIGN_WORD = pattern(r"\b(?:minus|negative)\s*\Z", re.IGNORECASE)
+_DENIED = pattern(
     r"\b(?:not|n't|never|no longer|avoid|instead of|rather than|neither|nor|without)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z"
     r"|(?<=n't)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z",
     re.IGNORECASE,
 )
-_EXAMPLE = re.compile(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
+_EXAMPLE = pattern(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
 _SAID = r"(?:\s*(?:[:=]|\b(?:is|was|will be|should be|shall be|must be|becomes|to|of)\b))"
+_UNIT_SAID = r"(?:(?:is|are|was|given|measured|expressed|stated)\s+){0,3}(?:in\b\s*|\[\s*|\(\s*(?:in\b\s*)?)"
+_UNIT_ALONE = (
+    r"(?:\(\s*in\b\s*|\b(?:all|angles?|numbers?|values?)\s+(?:is|are)?\s*in\b\s*|\bunits?\s*(?:[:=]|is|are)\s*)"
+)
+_UNIT_HEADS = {"deg": "°", "º": "°", "rad": "rad", "met": "m", "sec": "s", "kmh": "km/h", "kph": "km/h", "feet": "ft"}
 _OBJECT_AT_MOST = 20_000
 
 
@@ -281,7 +287,10 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
     values: list[Value] = []
     for one in fields:
         found = _field_in(text, one, objects, rest)
-        if not isinstance(found, _NoFieldValue) and _names_other_unit(one, objects, alone=len(fields) == 1):
+        if not isinstance(found, _NoFieldValue) and (
+            _names_other_unit(one, objects, alone=len(fields) == 1)
+            or _says_other_unit(one, rest, alone=len(fields) == 1)
+        ):
             found = _NoFieldValue("other_unit")
         if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
@@ -396,6 +405,27 @@ def _names_other_unit(field: AnswerField, objects: Sequence[_JsonPairs], *, alon
     return any(isinstance(one, str) and one.strip() not in {"", field.unit} for one in named)
 
 
+def _says_other_unit(field: AnswerField, rest: str, *, alone: bool) -> bool:
+    """Return whether the words around the objects give another unit, as in "(steer in degrees)".
+
+    "(in degrees)" counts where the field is ``alone``: else it may be of another.
+    """
+    if field.key is None or field.kind != "number" or not rest.strip():
+        return False
+    leaf = re.escape(field.key.split(".")[-1])
+    heads = [rf"(?<![\w.]){leaf}[\"'`*]{{0,3}}\s*{_UNIT_SAID}", *([_UNIT_ALONE] if alone else [])]
+    behind = (rest[found.end() :] for head in heads for found in re.finditer(head, rest, re.IGNORECASE))
+    units = (_UNITS.match(one) or _FURTHER_UNITS.match(one) for one in behind)
+    own = _unit_word(field.unit)
+    return any(unit is not None and _unit_word(unit[0]) != own for unit in units)
+
+
+def _unit_word(unit: str) -> str:
+    """Return a unit in one spelling: "degrees" and "deg" are "°", "meters" are "m"."""
+    word = unit.strip().casefold()
+    return next((one for head, one in _UNIT_HEADS.items() if word.startswith(head)), word)
+
+
 def _pairs(value: object) -> Sequence[tuple[str, object]]:
     """Return an object's names and values; none of what is no object."""
     return value if isinstance(value, _JsonPairs) else ()
@@ -414,7 +444,7 @@ def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
     return tuple(meant), "\n".join((*rest, text[end:]))
 
 
-_PYTHON = re.compile(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
+_PYTHON = pattern(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
 """A Python dictionary without another inside."""
 
 
@@ -523,7 +553,7 @@ def _is_inside(inner: str, before: str, behind: str, *, followed: bool) -> bool:
     return inner[-1].isdigit() and re.match(r"[.,]\d|\s?[/×x*^]\s?\d|[eE][+-]?\d", behind) is not None
 
 
-_OR = re.compile(r"\s*(?:to|until|through|or|and|,|/|\||\.{2,}|-)\s*(?:or\s+)?", re.IGNORECASE)
+_OR = pattern(r"\s*(?:to|until|through|or|and|,|/|\||\.{2,}|-)\s*(?:or\s+)?", re.IGNORECASE)
 
 
 def _is_one_of_several(field: AnswerField, inner: str, behind: str) -> bool:

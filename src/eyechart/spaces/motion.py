@@ -40,6 +40,9 @@ _NAMED = (
     "it with 'eyechart run battery' as --model python:MODULE:FUNCTION, with the names in the [answer] of --prompt FILE"
 )
 
+ONE_VALUE = 1e-9
+"""A dimension with at most this spread has one value."""
+
 
 def _with_a_way_out(error: Exception) -> str:
     """Return an array library's error, with advice if it has none."""
@@ -461,11 +464,25 @@ class MotionSpace(SpaceDefaults):
         that never moved counts in its own unit.
         """
         spread = None if logged is None or not len(logged) else self.spreads(logged)
+        own = self._declared_scales()
+        found = np.ones(len(own)) if spread is None else np.where(spread > ONE_VALUE, spread, 1.0)
+        return np.array([far if scale is None else scale for scale, far in zip(own, found, strict=True)])
+
+    def unscaled(self, logged: Floats) -> frozenset[str]:
+        """Return the parts of `relative` that have neither a declared scale nor a spread in the log.
+
+        ``logged`` has shape (frames, steps, columns); without frames every undeclared part counts.
+        """
+        own, spread = self._declared_scales(), self.spreads(logged) if len(logged) else np.zeros(self.width)
+        still = {place for place, scale in enumerate(own) if scale is None and spread[place] <= ONE_VALUE}
+        return frozenset(name for name, many in self.parts.items() if still.issuperset(many))
+
+    def _declared_scales(self) -> list[float | None]:
+        """Return the declared scale of each column of `relative`, None without one."""
         own = [self.dimensions[number].scale for number in self.plain]
         for one in self.rotations_of("motion"):
             own += [self.dimensions[one.first].scale] * MATRIX
-        found = np.ones(len(own)) if spread is None else np.where(spread > 1e-9, spread, 1.0)
-        return np.array([far if scale is None else scale for scale, far in zip(own, found, strict=True)])
+        return own
 
     def displacement(self, numbers: Floats, axis: str) -> Floats:
         """Return the displacement of compared motions (…, steps, columns) along an axis, shape (…).

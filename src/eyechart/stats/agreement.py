@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from eyechart.stats.association import labels_of, pair_table
 from eyechart.stats.margins import random_tables
-from eyechart.stats.statistic import Statistic, not_available
+from eyechart.stats.statistic import Statistic, not_available, special_functions
 
 
 def rate(k: int, n: int, *, level: float = 0.95) -> Statistic:
@@ -197,7 +197,7 @@ def binomial_tail(k: int, n: int, chance: float) -> float:
         return 1.0
     if chance == 0:
         return 0.0
-    from scipy import special  # noqa: PLC0415 - slow to import
+    special = special_functions()
 
     return float(special.bdtrc(k - 1, n, chance))
 
@@ -335,7 +335,7 @@ def clopper_pearson(k: float, n: int, level: float = 0.95) -> tuple[float, float
     """
     if not 0 < level < 1:
         raise ValueError(f"level={level} must lie between 0 and 1, for example 0.95")
-    from scipy import special  # noqa: PLC0415 - slow to import
+    special = special_functions()
 
     tail = (1 - level) / 2
     low = 0.0 if k <= 0 else float(special.betaincinv(k, n - k + 1, tail))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.stats.statistic import Statistic, not_available
+from eyechart.stats.statistic import Statistic, not_available, special_functions
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -75,7 +75,7 @@ def chi2_test(table: npt.ArrayLike, *, correction: bool = True) -> Statistic:
         detail: dict[str, object] = {"dof": 0, "shape": list(counts.shape), "smallest_expected": None}
         note = "one row or one column: nothing can depend on it"
         return Statistic(0.0, n, p=1.0, method=method, note=note, detail=detail)
-    from scipy import special  # noqa: PLC0415 - slow to import
+    special = special_functions()
 
     expected = counts.sum(axis=1, keepdims=True) * counts.sum(axis=0) / n
     dof, apart = (counts.shape[0] - 1) * (counts.shape[1] - 1), np.abs(counts - expected)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from eyechart.stats.agreement import rate
 from eyechart.stats.jackknife import FEW, LEAST_EPISODES
-from eyechart.stats.statistic import Statistic, not_available
+from eyechart.stats.statistic import Statistic, not_available, special_functions
 
 Floats = npt.NDArray[np.float64]
 EpisodeCounts = tuple[npt.ArrayLike, npt.ArrayLike]
@@ -80,7 +80,7 @@ def share_over_episodes(hits: npt.ArrayLike, frames: npt.ArrayLike, *, level: fl
 
 def _cut(value: float, effective: float, episodes: int, level: float) -> float:
     """Return the largest likelihood ratio of a rate, by the effective number of episodes."""
-    from scipy import special  # noqa: PLC0415 - slow to import
+    special = special_functions()
 
     fades = _FADES * max(0.0, 1 - _UNEVEN * (1 - effective / episodes))
     freedom = effective - 1 + fades * (1 / (4 * value * (1 - value)) - 1)
@@ -160,7 +160,7 @@ def _rising(counts: Floats, weight: Floats) -> Callable[[Floats], Floats]:
         i = np.arange(most)
         reaching = (counts[:, None] > i).T @ weight
         return lambda start: np.asarray(np.log(start[..., None] + i) @ reaching)
-    from scipy import special  # noqa: PLC0415 - slow to import
+    special = special_functions()
 
     each, place = np.unique(counts, return_inverse=True)
     weights = np.bincount(place, weights=weight)

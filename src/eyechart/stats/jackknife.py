@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.stats.association import cramers_v_of_tables
-from eyechart.stats.statistic import Statistic, not_available
+from eyechart.stats.statistic import Statistic, not_available, special_functions
 
 Floats = npt.NDArray[np.float64]
 
@@ -193,6 +193,6 @@ def _error(left: Floats) -> float:
 
 
 def _t(level: float, freedom: int) -> float:
-    from scipy import special  # noqa: PLC0415 - slow to import
+    special = special_functions()
 
     return float(special.stdtrit(freedom, (1 + level) / 2))

@@ -1,8 +1,13 @@
 """A statistic: a number with its n, its interval and its p; the number may be None."""
 
+import sys
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Self
+from functools import cache
+from importlib.util import find_spec
+from types import ModuleType
+from typing import Any, Self
 
 from eyechart.records import plain, to_json_fields
 
@@ -92,3 +97,28 @@ def chunks(rows: int, width: int) -> Iterator[slice]:
     step = max(1, CHUNK_BYTES // (8 * max(1, width)))
     for start in range(0, rows, step):
         yield slice(start, min(start + step, rows))
+
+
+@cache
+def special_functions() -> Any:  # noqa: ANN401 - a module
+    """Return the functions of ``scipy.special``, such as ``stdtrit``.
+
+    Only its compiled functions are imported where nothing else needs the rest, which takes longer
+    to import than most verdicts to make. Not while other threads run, which could find it half made.
+    """
+    name = "scipy.special"
+    if name not in sys.modules and threading.active_count() == 1 and (found := find_spec("scipy")) is not None:
+        package = ModuleType(name)
+        package.__path__ = [f"{place}/special" for place in found.submodule_search_locations or ()]
+        sys.modules[name] = package
+        try:
+            from scipy.special import _ufuncs  # noqa: PLC0415 - slow to import
+        except ImportError:  # scipy keeps them elsewhere
+            pass
+        else:
+            return _ufuncs
+        finally:
+            del sys.modules[name]
+    from scipy import special  # noqa: PLC0415 - slow to import
+
+    return special

@@ -7,7 +7,7 @@ picture disagree at the noise floor's rate.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from typing import Any
@@ -117,21 +117,24 @@ class Odds(JsonRecord):
         return Table("odds", "How often a model of a known kind gets its label", named, tuple(rows), note)
 
 
-def odds_of(bank: FrameBank, *, noise: float = NOISE, draws: int = DRAWS, seed: int = 0) -> Odds:
+def odds_of(
+    bank: FrameBank, *, noise: float = NOISE, draws: int = DRAWS, seed: int = 0, reads: Sequence[float] = READS
+) -> Odds:
     """Return how often models of known kinds get their labels on a bank.
 
+    ``reads`` are the shares of the frames on which the drawn readers of distance read it.
     Raises SpecError for a noise floor that is impossible with this bank's number of actions.
     """
     space = bank.manifest.action_space
     if len(space.actions) < 2:
-        return Odds(noise, None, None, dict.fromkeys(map(_named, READS)), dict.fromkeys(map(_named, READS)))
+        return Odds(noise, None, None, dict.fromkeys(map(_named, reads)), dict.fromkeys(map(_named, reads)))
     count = len(space.actions)
     most = (count - 1) / count
     if not 0 <= noise < most:
         raise SpecError(f"--noise is the share of repeats that get another answer, from 0 to {most:.2f}; got {noise:g}")
     slips = most * (1 - np.sqrt(1 - noise / most))
     drawn = _SimulatedAnswers(bank, space, float(slips), draws, np.random.default_rng(seed))
-    depth = {_named(share): drawn.depth(share) for share in READS}
+    depth = {_named(share): drawn.depth(share) for share in reads}
     return Odds(
         noise,
         drawn.absence(presence=False),

@@ -32,10 +32,8 @@ from eyechart.conditions.policies import subset_conditions
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import PLACES
 from eyechart.stats.agreement import rate
-from eyechart.stats.memory import memory_share
 from eyechart.stats.partners import NOBODY, Places
 from eyechart.stats.risk_bounds import share_bound
-from eyechart.stats.shapley import shapley_values
 from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind
 from eyechart.stats.sign_flip import follow
 from eyechart.stats.statistic import Statistic, not_available
@@ -47,11 +45,13 @@ from eyechart.stats.total_effect import (
     distance_from_log,
     half_products,
     held_still,
+    memory_share,
     misfit_share,
     noise_share,
     permutation_p,
     responding,
     rounding_tolerance,
+    shapley_values,
     share_beyond,
     shares_of_parts,
     squared_distance,
@@ -398,7 +398,8 @@ class Effects:
 
         Listed are parts whose lower end is above the margin of use. A part must vary at least as
         much as one of the log does, since one that hardly moves can have any share. A part whose
-        logged spread comes from a few frames is compared with its own variation alone.
+        logged spread comes from a few frames is compared with its own variation alone, and so is one
+        that counts in its own unit, unless it moves by no more than `ROUNDING` of that.
         """
         some, others = self._others()
         went = half_products(self._real[:, frames], changed[:, frames])
@@ -408,11 +409,12 @@ class Effects:
             for name, many in self._columns_of.items()
         }
         parts |= {f"step {step + 1}": (went[:, step], varies[:, step]) for step in range(went.shape[1])}
-        result, small = {}, rare(self._motions.plan.bank) - {*chain.from_iterable(self._far.values())}
+        result: dict[str, float] = {}
+        least = dict.fromkeys(self._motions.unscaled, ROUNDING**2)
+        least |= dict.fromkeys(rare(self._motions.plan.bank) - {*chain.from_iterable(self._far.values())}, 0.0)
         for name, (less, more) in parts.items():
             of, over = less.mean(axis=1), more.mean(axis=1)
-            least = 0.0 if name in small else CONSTANT
-            if len(over) and over.mean() > least and of.mean() >= IGNORED * over.mean():
+            if len(over) and over.mean() > least.get(name, CONSTANT) and of.mean() >= IGNORED * over.mean():
                 whole = Pairs(over, self._episodes[some], self._episodes[others])
                 statistic = total_effect(Pairs(of, effect.owner, effect.partner), whole, sampled=self._drawn)
                 if statistic.value is not None and statistic.ci is not None and statistic.ci[0] > USED:

@@ -89,6 +89,12 @@ class Motions:
         return self.plan.motions.scales(relative_log(frames, self.plan.motions))
 
     @cached_property
+    def unscaled(self) -> frozenset[str]:
+        """Return the parts of a motion that count in their own unit: the log has one value of them."""
+        space, frames = self.plan.motions, logs(self.plan.bank)
+        return space.unscaled(relative_log(frames, space) if frames else np.zeros(0))
+
+    @cached_property
     def fit_to(self) -> Floats:
         """Return the logged motions in the form of `of`, without its first axis."""
         return np.asarray(self.plan.motions.relative(self.logged, self.states) / self.scales)

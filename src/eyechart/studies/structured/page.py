@@ -1,24 +1,29 @@
 """The page of scene estimates: admission by clause, every figure, and the worst frames."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from eyechart.calls import Reply
-from eyechart.conditions import show
+from eyechart.conditions import flip, show
 from eyechart.costs import ALL
 from eyechart.errors import EyechartError
-from eyechart.frames import Frame
+from eyechart.frames import RGB, Frame, decode
+from eyechart.gate import UNPARSED, hold_online
 from eyechart.integrity import unfinished
-from eyechart.perception.view import find_view, through
+from eyechart.perception.view import View, find_view, through
 from eyechart.report.accounts import deployment_tables
-from eyechart.report.charts import BLUE, INK, MUTED, VERMILLION, Drawing, canvas, style
-from eyechart.report.page import ExamplePicture, Page, PageSummary, VerdictSummary, fill, parted
+from eyechart.report.charts import BLUE, HEAD, INK, MUTED, VERMILLION, Drawing, canvas, dots, panels, style
+from eyechart.report.page import MOST_SAID, ExamplePicture, Page, PageSummary, Section, VerdictSummary, fill, parted
+from eyechart.report.table import estimate
 from eyechart.spaces.scene import SceneDecision
 from eyechart.studies import Tell
 from eyechart.studies.battery.album import view_uri
 from eyechart.studies.battery.subjects import accounts_of, subjects
+from eyechart.studies.closed_loop.page import StudyIntroduction
+from eyechart.studies.structured.online import CONTROL, OnlineScore
 from eyechart.studies.structured.plans import CONDITIONS
 from eyechart.studies.structured.scene_answers import SceneAnswers, faults, gap_error_m, weight
 from eyechart.studies.structured.tables import (
@@ -28,9 +33,13 @@ from eyechart.studies.structured.tables import (
     clauses_words,
     controller_table,
     figures_table,
+    met_table,
+    online_table,
     scored_of,
 )
 
+_WIDTH = 7.16
+"""The width of a figure over both columns of the paper's class, in inches."""
 _DRAWN = 12
 """The most models with a figure of their own in the page."""
 _OPENING_MODELS = 3
@@ -46,6 +55,12 @@ _LEADS = {"no lead told", "a lead that is not there"}
 _VIEWS = {"real": "the picture", "mirrored": "its reflection"}
 _OF = {"real": "picture", "mirrored": "reflection"}
 _ANSWERS = {"sees": ("admitted",), "blind": ("not admitted",), "open": ("not admitted",)}
+_DRIVERS_ANSWERS = {"sees": ("admitted",), "blind": ("not admitted",), "open": ("cannot say", "for")}
+_DRIVERS_INTRO = (
+    "An estimator may steer only if it meets every clause on the frames of its own drives. Each of these frames "
+    "must also pass the checks of the renderer and of the positive control. Crashes measure caution too: a model that "
+    "brakes at everything seldom crashes."
+)
 
 
 def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _: None) -> Page:
@@ -344,3 +359,91 @@ def _views(run: Estimates, frame: Frame) -> list[tuple[str, str]]:
         stimulus = through(view, show(condition, run.pictures.frame(frame.id), run.pictures, manifest.seed), frame.id)
         views += [(words, view_uri(picture)) for picture in stimulus.images.values()]
     return views
+
+
+def first_of(scores: Mapping[str, OnlineScore]) -> StudyIntroduction:
+    """Return the question, the answer and the evidence of online runs, by name."""
+    named = {f"{name} · " if len(scores) > 1 else "": score for name, score in scores.items()}
+    said = [one for of, score in named.items() for one in _drivers_said(of, score)]
+    answer = PageSummary(
+        parted(said, _DRIVERS_ANSWERS, "estimators that drove"),
+        said,
+        figure=_crashes(named, frozenset(one.who for one in said if one.tone == "sees")),
+        caption="Filled: admitted, and the control. Few crashes are no proof of sight.",
+    )
+    tables = [table(score) for score in scores.values() for table in (online_table, met_table)]
+    lines = [line for of, score in named.items() for line in _drivers_lines(of, score)]
+    return StudyIntroduction(
+        "Do these models measure the scene that they drive in?",
+        answer,
+        Section("Admission", _DRIVERS_INTRO, tables=tables, lines=lines),
+    )
+
+
+def _drivers_said(of: str, score: OnlineScore) -> Iterator[VerdictSummary]:
+    """Yield whether each estimator is admitted, and the clauses that it does not meet."""
+    gate = hold_online(score)
+    for spec in score.manifest.models:
+        mine = [check for check in gate.checks if check.model == spec and check.requirement != UNPARSED]
+        held = [check.holds for check in mine]
+        tone = "sees" if held and all(held) else "blind" if False in held else "open"
+        why = clauses_words((check.requirement, check.holds, check.because) for check in mine)
+        yield VerdictSummary(f"{of}{spec}", _DRIVERS_ANSWERS[tone][0], tone, why, place="first")
+
+
+def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Drawing:
+    """Draw each estimator's crash rate, the positive control first."""
+    rows = [
+        (who := f"{of}{spec}", one.crash_rate, INK if spec == CONTROL else BLUE, not {spec, who} & {CONTROL, *admitted})
+        for of, score in named.items()
+        for spec, one in score.driven.items()
+    ][: MOST_SAID + 1]
+    with style():
+        figure = dots(rows, "crashed, share of episodes", 1.0, across=HEAD)
+    told = "; ".join(f"{who}: {estimate(one)}, n {one.n}" for who, one, *_ in rows)
+    return Drawing("in-short", "Crashes beside the positive control's", f"Filled: admitted. {told}", figure)
+
+
+def _drivers_lines(of: str, score: OnlineScore) -> Iterator[str]:
+    """Yield the checks of each estimator's frames, and the refused worlds."""
+    yield from (f"{of}{spec}: {score.frames(spec)[1]}." for spec in score.manifest.models)
+    yield from (
+        f"{of}refused: {check.scenario}/{check.seed}: {check.why}" for check in score.vetted if check.why is not None
+    )
+
+
+def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
+    """Yield figure fgr:vlm-interface of the first run with pictures and a view.
+
+    Its frame is the first with a close lead, else the first with a lead, else the first of the run.
+    """
+    for run in evidence:
+        view = find_view(run.score.manifest.view)
+        if view is None or run.pictures is None or not run.frames:
+            continue
+        frame = _closest(run)
+        pixels = decode(run.pictures.recorded(frame), frame.file)
+        with style():
+            yield _compared(frame, pixels, view)
+        return
+
+
+def _closest(run: Estimates) -> Frame:
+    gap = run.score.bank.manifest.gap
+    return (
+        run.frames[0] if gap is None else min(run.frames, key=lambda frame: (not gap.near(frame), gap.of(frame) == inf))
+    )
+
+
+def _compared(frame: Frame, pixels: RGB, view: View) -> Drawing:
+    reflected = np.ascontiguousarray(flip(pixels, view.axis))
+    shown = {
+        "the simulator's frame": pixels,
+        f"the calibrated view ({view.name})": view.show(pixels, frame.file),
+        "its reflection": view.show(reflected, frame.file),
+    }
+    says = (
+        f"Frame {frame.id}, from left to right: as the simulator drew it, as models saw it, and as they saw its "
+        "reflection. In the reflection estimates of what is ahead stay, and LEFT and RIGHT exchange"
+    )
+    return Drawing("fgr-vlm-interface", "Visual interface", says, panels(shown, _WIDTH), wide=True)
