@@ -155,7 +155,7 @@ class Manifest:
         if mine.differs_in_address_only(theirs):
             raise LedgerError(
                 f"this run asked {spec} at {mine.base_url or 'the usual address'}, but its address, key, "
-                f"headers or patience have changed ({theirs.base_url or 'the usual address'}): give the same, "
+                f"headers or patience have changed ({theirs.base_url or 'the usual address'}). Give the same, "
                 "another --out for another run, or continue a run with --moved, which records it"
             )
         mine, theirs = mine.request(), theirs.request()

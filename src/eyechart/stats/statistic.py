@@ -117,8 +117,9 @@ def special_functions() -> Any:  # noqa: ANN401 - a module
             pass
         else:
             return _ufuncs
-        finally:
-            del sys.modules[name]
+        finally:  # its parts too: the whole package binds to its names only what it imports itself
+            for part in [one for one in sys.modules if one == name or one.startswith(f"{name}.")]:
+                del sys.modules[part]
     from scipy import special  # noqa: PLC0415 - slow to import
 
     return special
