@@ -39,16 +39,6 @@ told uses wanted whole
 LONGEST = 29
 """Words of a sentence, at most."""
 
-TO_BE_SHORTENED = {
-    "calibrate/policies.py:PolicyPower",
-    "stats/paired_tests.py:sign_test",
-    "verdicts/battery_rules.py:frames_to_bound",
-    "verdicts/labels.py:Label",
-    "verdicts/labels.py:UseLabel",
-    "verdicts/share_predicates.py:ShareStatistics",
-}
-"""Docstrings with a longer sentence: to change these files makes recorded measurements those of another program."""
-
 
 def sentences_of(text: str) -> list[str]:
     """Return the sentences of a docstring or of a help text, paragraph by paragraph."""
@@ -134,7 +124,7 @@ def test_no_sentence_of_a_docstring_or_of_help_has_thirty_words() -> None:
         for path in sorted(SOURCE.rglob("*.py"))
         for name in long_ones(ast.parse(path.read_text(encoding="utf-8")))
     }
-    assert found == TO_BE_SHORTENED
+    assert found == set()
 
 
 @pytest.mark.parametrize("words", [28, 29, 30])
