@@ -28,7 +28,7 @@ export PYTEST_DEBUG_TEMPROOT := $(shell $(PYTHON) -c 'import os, shutil; m = "/d
 
 CHROMIUM := $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-all test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-ray long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
+.PHONY: help demo demo-vlm demo-policy ladder hierarchy extras test test-slow test-models test-lerobot test-browser lint format docs wheel release bench long-compare long-demo long-speed long-ray long-reading long-growth long-adversaries long-noise long-calls long-edits long-calibration long-coverage long-power long-policies long-policy-draws long-lerobot long-act long-checkpoints long-diffusion long-serve long-endpoints long-series long-gpu long-inspect long-replies long-marks long-falls long-doors long-atheris long-faults long-fuzz long-watch long-page long-kills long-rulings mutants clean
 
 help:
 	@echo "make demo         verdicts on sixteen known-answer controllers, offline"
@@ -38,7 +38,7 @@ help:
 	@echo "make hierarchy    intents above a model-predictive controller beside the paper's tables, offline"
 	@echo "make test         the tests of the core"
 	@echo "make test-slow    the core's long tests: whole studies, runs that are killed, adversaries, pages that say how to add something"
-	@echo "make test-all     both of these in one go, which costs less than one after the other"
+	@echo "make test WITH_SLOW=1  both of these in one go, which costs less than one after the other"
 	@echo "make test-models  the tests that need extras (Hugging Face datasets, Parquet, LeRobot, Transformers, Ray)"
 	@echo "make test-lerobot the tests that ask LeRobot itself, in the Python that EYECHART_LEROBOT_PYTHON names"
 	@echo "make test-browser the report in headless Chromium, which has to be there (apt-get install chromium)"
@@ -104,13 +104,10 @@ ladder: $(CORE)
 SPREAD = -n $(WORKERS) --dist loadfile --no-loadscope-reorder --max-worker-restart 0
 
 test: $(DEV)
-	$(BIN)/python -m pytest $(SPREAD) -m "not models and not browser and not lerobot and not slow"
+	$(BIN)/python -m pytest $(SPREAD) -m "not models and not browser and not lerobot$(if $(WITH_SLOW),, and not slow)"
 
 test-slow: $(DEV)
 	$(BIN)/python -m pytest $(SPREAD) -m "slow and not models and not browser and not lerobot"
-
-test-all: $(DEV)
-	$(BIN)/python -m pytest $(SPREAD) -m "not models and not browser and not lerobot"
 
 test-models: $(MODELS)
 	EYECHART_EXTRAS=required $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 -m models

@@ -18,8 +18,7 @@ from eyechart.errors import GuardianError
 from eyechart.frames import encode
 from eyechart.guardian import Guardian, interface_of
 from eyechart.serve.lifecycle import serve
-from eyechart.serve.limits import ServerLimits
-from eyechart.serve.server import openapi
+from eyechart.serve.server import ServerLimits, openapi
 from eyechart.studies.guardian import FrozenGuardian, write_frozen
 from stand_ins import Held
 from voters import gap_of, says

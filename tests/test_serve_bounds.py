@@ -15,7 +15,7 @@ from multidict import CIMultiDict, CIMultiDictProxy
 from eyechart.errors import GuardianError
 from eyechart.serve.host_names import HostNames, require_name
 from eyechart.serve.lifecycle import serve
-from eyechart.serve.limits import ServerLimits
+from eyechart.serve.server import ServerLimits
 from test_serve import FAR, NEAR, PNG, Seer, guardian_of, post, served
 
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested

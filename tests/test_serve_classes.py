@@ -12,7 +12,7 @@ import pytest
 from eyechart.calls import Reply
 from eyechart.guardian import Guardian
 from eyechart.serve.lifecycle import serve
-from eyechart.serve.limits import ServerLimits
+from eyechart.serve.server import ServerLimits
 from eyechart.spaces.scene import SCENES
 from eyechart.studies.guardian import Vote, write_frozen
 

@@ -6,6 +6,8 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 SOURCE = Path(__file__).parents[1] / "src" / "eyechart"
 
 STAY = {"testing.py", "importing", "verdicts/ruling.py"}
@@ -32,6 +34,30 @@ known life logged loops notes patterns plain planned probed published reels seen
 told uses wanted whole
 """
 """Participles and riddles that were names of modules."""
+
+
+LONGEST = 29
+"""Words of a sentence, at most."""
+
+
+def sentences_of(text: str) -> list[str]:
+    """Return the sentences of a docstring or of a help text, paragraph by paragraph."""
+    parts = (" ".join(part.split()) for part in re.split(r"\n\s*\n", text))
+    return [one for part in parts for one in re.split(r"(?<=[.!?])\s+", part) if one]
+
+
+def long_ones(tree: ast.Module) -> set[str]:
+    """Return the names of what has a docstring or a help text with a sentence that is too long."""
+    found = set()
+    for node in ast.walk(tree):
+        said: list[tuple[str, str | None]] = []
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            said.append((getattr(node, "name", ""), ast.get_docstring(node)))
+        elif isinstance(node, ast.keyword) and node.arg == "help":
+            texts = (one.value for one in ast.walk(node.value) if isinstance(one, ast.Constant))
+            said.append((f"help, line {node.value.lineno}", "".join(text for text in texts if isinstance(text, str))))
+        found |= {name for name, text in said for one in sentences_of(text or "") if len(one.split()) > LONGEST}
+    return found
 
 
 @cache
@@ -89,3 +115,21 @@ def test_a_module_is_a_noun() -> None:
 def test_a_module_is_called_by_what_it_holds() -> None:
     """Neither a participle alone nor a riddle."""
     assert {path.relative_to(SOURCE).as_posix() for path in modules() if path.stem in PRIVATE_MODULES.split()} == set()
+
+
+def test_no_sentence_of_a_docstring_or_of_help_has_thirty_words() -> None:
+    """But those whose files wait for a measurement; one that is mended leaves the list."""
+    found = {
+        f"{path.relative_to(SOURCE).as_posix()}:{name}"
+        for path in sorted(SOURCE.rglob("*.py"))
+        for name in long_ones(ast.parse(path.read_text(encoding="utf-8")))
+    }
+    assert found == set()
+
+
+@pytest.mark.parametrize("words", [28, 29, 30])
+def test_a_long_sentence_is_found_in_a_docstring_and_in_help(words: int) -> None:
+    """Of a function, of a module and of an option; two short ones are none, with a blank line between them or not."""
+    text = " ".join(["word"] * words)
+    said = f'"""{text}."""\ndef f(a: Annotated[int, typer.Option(help="{text}.")]):\n    """Short. {text[5:]}."""\n'
+    assert long_ones(ast.parse(said)) == ({"", "help, line 2"} if words > LONGEST else set())

@@ -103,7 +103,7 @@ class Query:
     ``stimulus`` comes from the condition. ``seed`` comes from the call's key, so a model that
     samples repeats its answer after a resume. ``schema`` is the JSON schema of an answer, for
     models that enforce one. It is a copy: a change of it affects no other call. ``messages`` are
-    the turns of a prompt that has more than a system and a user message; ``system`` and ``user``
+    the turns of a prompt that has more than a system and a user message. ``system`` and ``user``
     are then the words of its first, if it is the system's, and of its last.
     """
 

@@ -341,7 +341,7 @@ class _FrameKeys:
 def _states(frames: Sequence[Frame], turns: tuple[Rotation, ...]) -> npt.NDArray[np.float64]:
     """Return the states as they are compared: a rotation is its turn from the mean, 3 numbers.
 
-    Behind a frame's own state are the changes from instant to instant before it: a window also
+    Behind a frame's own state are the changes from instant to instant before it. A window also
     tells a velocity, and two moments at one place may differ in it.
     """
     windows = np.array([[flat_state(one.state) for one in frame.window] for frame in frames])

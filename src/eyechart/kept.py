@@ -1,7 +1,7 @@
 """What a command read in a run, kept beside the run until the run, the program or the settings change.
 
-A kept reading is named by the digest of everything that it follows from: the content of the run's
-files, the program with its numeric libraries, and what was asked. It is sealed with a key of the
+A kept reading is named by the digest of everything that it follows from. That is the content of the
+run's files, the program with its numeric libraries, and what was asked. It is sealed with a key of the
 user's own, so a reading that came with a foreign run, or was damaged, is not believed.
 """
 

@@ -155,7 +155,7 @@ class Manifest:
         if mine.differs_in_address_only(theirs):
             raise LedgerError(
                 f"this run asked {spec} at {mine.base_url or 'the usual address'}, but its address, key, "
-                f"headers or patience have changed ({theirs.base_url or 'the usual address'}): give the same, "
+                f"headers or patience have changed ({theirs.base_url or 'the usual address'}). Give the same, "
                 "another --out for another run, or continue a run with --moved, which records it"
             )
         mine, theirs = mine.request(), theirs.request()
@@ -461,8 +461,8 @@ def _take_added(copy: Path, bank: FrameBank) -> None:
 def alone_in(out: Path) -> Iterator[None]:
     """Hold a run's folder, which is made if missing (for a link, its target).
 
-    Raises LedgerError if another process holds it, it cannot be made, its ledger cannot be written,
-    or it is another folder at the end, because it was moved or removed.
+    Raises LedgerError if another process holds it, it cannot be made or its ledger cannot be written.
+    Also if it is another folder at the end, because it was moved or removed.
     """
     with raising(LedgerError, f"{out} cannot be made", "; choose another --out"):
         Path(os.path.realpath(out)).mkdir(parents=True, exist_ok=True)

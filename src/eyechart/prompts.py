@@ -52,7 +52,7 @@ class Prompt:
     In a ``template``, ``{column}`` stands for a frame's value in that prompt column, ``{actions}``
     for the actions' names, and ``{{word}}`` for ``{word}``; other braces stay. ``space`` is the
     prompt's own actions or a scene estimate; None means the bank's actions. ``messages`` are all
-    turns of a prompt with more than these two, or with places for pictures; then ``system`` and
+    turns of a prompt with more than these two, or with places for pictures. Then ``system`` and
     ``user`` are the text of the first, if it is the system's, and of the last.
     """
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eyechart.stats.memory import memory_share
+from eyechart.stats.total_effect import memory_share
 
 
 def _drawn(rng: np.random.Generator, weight: float, n: int = 400) -> tuple[np.ndarray, np.ndarray]:

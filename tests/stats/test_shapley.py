@@ -5,8 +5,7 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from eyechart.stats.shapley import shapley_values, subsets
-from eyechart.stats.total_effect import squared_distance
+from eyechart.stats.total_effect import shapley_values, squared_distance, subsets
 
 NAMES = ("cameras", "state", "instruction")
 SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))

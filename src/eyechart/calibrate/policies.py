@@ -447,8 +447,8 @@ class PolicyPower(JsonRecord):
 
     ``calls`` are those of a policy that repeats its answers. ``said`` has ``same`` (such a policy,
     or one with a seed) and ``drawn`` (noise of a quarter of the variance, four answers). Each maps
-    shares to how often the camera is called ignored, and used, out of ``draws`` data sets; ``apart``
-    likewise to how often what it is used for is told from the pose. ``matched`` counts the frames
+    shares to how often the camera is called ignored, and used, out of ``draws`` data sets.
+    ``apart`` maps them to how often what it is used for is told from the pose. ``matched`` counts the frames
     with a match at a similar state: without them that is open.
     """
 

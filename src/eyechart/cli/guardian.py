@@ -346,7 +346,7 @@ def serve(
     from eyechart.guardian import Guardian
     from eyechart.modes import read_mode
     from eyechart.serve.lifecycle import serve as run
-    from eyechart.serve.limits import ServerLimits
+    from eyechart.serve.server import ServerLimits
 
     modes = {one.spec: one for one in map(read_mode, mode or ())}
     limits = ServerLimits(

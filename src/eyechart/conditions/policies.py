@@ -30,7 +30,7 @@ from eyechart.conditions import (
 from eyechart.corruptions import CORRUPTIONS, STEPS
 from eyechart.frames import FrameBank
 from eyechart.stats.partners import NOBODY
-from eyechart.stats.shapley import Subset, subsets
+from eyechart.stats.total_effect import Subset, subsets
 
 LEAST_MATCHED = 0.25
 """The least share of frames with a partner at a similar state; below it no frame is asked."""

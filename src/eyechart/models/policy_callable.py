@@ -15,7 +15,7 @@ Attributes, with their defaults:
 start of a digest of its files). ``channels`` (all): the names of the inputs that it reads.
 ``reset`` (none): called before every call. ``step`` (none): its training step, which orders
 checkpoints. ``batch`` (none): it takes lists of up to so many images, states and instructions, with
-``seed`` a list too, and returns a list of as many arrays, or an array of them. ``history`` (0): see above.
+``seed`` a list too. It returns a list of as many arrays, or an array of them. ``history`` (0): see above.
 """
 
 from collections import defaultdict

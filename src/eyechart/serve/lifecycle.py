@@ -17,8 +17,7 @@ from aiohttp import web
 from eyechart.errors import GuardianError
 from eyechart.guardian import Guardian
 from eyechart.serve.host_names import HostNames
-from eyechart.serve.limits import ServerLimits
-from eyechart.serve.server import Server, application
+from eyechart.serve.server import Server, ServerLimits, application
 
 _TELLING_S = 5.0
 _LINGERING_S = 1.0

@@ -110,7 +110,7 @@ def sign_test(first: npt.ArrayLike, second: npt.ArrayLike, *, level: float = 0.9
 
     Two numeric arrays of one length, paired by frame (braking levels, or 0/1 agreements). ``value``
     is the share of the discordant pairs in which the first is larger, with its Clopper-Pearson
-    interval; ``n`` counts the discordant pairs; ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no
+    interval. ``n`` counts the discordant pairs. ``p`` is P(Bin(n, 1/2) >= wins), which is 1 when no
     pair is discordant (the value is then None). ``detail``: the mean difference over all pairs.
     Equals R ``binom.test(wins, n, alternative = "greater")``.
     """

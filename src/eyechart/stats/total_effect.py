@@ -8,6 +8,7 @@ two or more let the noise cancel.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from math import factorial
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from eyechart.stats.statistic import TIE, Statistic, chunks, not_available
 
 Floats = npt.NDArray[np.float64]
 Places = npt.NDArray[np.intp]
+Subset = frozenset[str]
 
 LEVEL = 0.98
 """Each end of an interval is exceeded with a chance of .01."""
@@ -24,6 +26,10 @@ LEVEL = 0.98
 _SURE = 2.0
 """From this number of standard errors above 0, the interval is on the log scale alone."""
 _MOST_EXPONENT = 50.0
+_RESAMPLES = 999
+"""Random reassignments of the calls before."""
+_LEAST = 20
+"""Calls needed for each number that describes the call before; fewer give no fit."""
 ROUNDING = 1e-4
 """Variation below this share of its reference is rounding."""
 
@@ -435,3 +441,63 @@ def distance_from_log(answers: Floats, logged: Floats) -> tuple[tuple[float, int
 
 def _ranges(*many: Floats) -> list[Floats]:
     return [np.asarray(np.ptp(one, axis=0)) for one in many]
+
+
+def subsets(names: Sequence[str]) -> tuple[Subset, ...]:
+    """Return all subsets of some parts, the smaller ones first, 2 to the power of their number."""
+    return tuple(frozenset(some) for size in range(len(names) + 1) for some in combinations(names, size))
+
+
+def shapley_values(worth: Mapping[Subset, npt.ArrayLike]) -> dict[str, Floats]:
+    """Return the Shapley value of each part from the worth of every subset, exactly.
+
+    ``worth`` has an array of one shape for each subset, also the empty one, and the values have
+    that shape. They add up to the worth of all parts less that of none. A worth that two parts have
+    only together is halved between them, and so on. ValueError if a subset is missing. Source:
+    Shapley 1953; of shares of variance, Owen 2014 (SIAM/ASA J. Uncertainty Quantification 2,
+    245-251).
+    """
+    names = sorted(frozenset().union(*worth))
+    if missing := set(subsets(names)) - set(worth):
+        raise ValueError(f"the worth of {sorted(map(sorted, missing))} is missing")
+    arrays = {some: np.asarray(value, np.float64) for some, value in worth.items()}
+    result = {}
+    for name in names:
+        rest = [one for one in names if one != name]
+        parts = [_weight(len(some), len(names)) * (arrays[some | {name}] - arrays[some]) for some in subsets(rest)]
+        result[name] = np.asarray(sum(parts), np.float64)
+    return result
+
+
+def _weight(size: int, names: int) -> float:
+    """Return the share of orders in which a part comes right after a subset of a size."""
+    return factorial(size) * factorial(names - size - 1) / factorial(names)
+
+
+def memory_share(apart: npt.ArrayLike, before: npt.ArrayLike, *, seed: int) -> Statistic:
+    """Return the share of the differences between answers that goes with the call before.
+
+    ``apart``, shape (n, d), is each answer's deviation from its moment's mean. ``before``, shape
+    (n, f), describes the call before. The value is the adjusted share of variance of a linear fit.
+
+    Calls are in random order, so without memory any call may precede any other. p is from random
+    reassignments of the calls before, (j + 1) / (B + 1). None if there are too few calls, or if
+    nothing differs.
+    """
+    e, f = (np.asarray(one, np.float64) for one in (apart, before))
+    method = "adjusted share of a linear fit on the call before; the calls before are dealt out anew"
+    f = f[:, f.std(axis=0) > 1e-9] if len(f) else f
+    n = len(e)
+    if not f.size or n < _LEAST * (f.shape[1] + 1):
+        return not_available("too few calls with a known one before", n, method)
+    whole = float((e**2).sum())
+    if not whole > 0:
+        return not_available("the answers to one moment are all the same", n, method)
+    base = np.linalg.svd(np.column_stack([np.ones(n), f]), full_matrices=False)
+    kept = base[0][:, base[1] > 1e-9 * base[1][0]]
+    observed = float(((kept.T @ e) ** 2).sum())
+    rng = np.random.default_rng(seed)
+    drawn = sum(float(((kept[rng.permutation(n)].T @ e) ** 2).sum()) >= observed for _ in range(_RESAMPLES))
+    left = n - kept.shape[1]
+    value = 1 - (1 - observed / whole) * n / left
+    return Statistic(value, n, p=(drawn + 1) / (_RESAMPLES + 1), method=method)

@@ -234,8 +234,8 @@ CLAIMS = len({rule.label for rule in DISTANCE.rules} - _NO_CLAIMS - _OF_DEPTH)
 def frames_to_bound(bound: Statistic, alpha: float) -> tuple[int, str] | None:
     """Return how many frames would decide on a bound, and if what; None where there is an effect.
 
-    Where as many frames as there are would do without an effect, it counts how many would bound it,
-    or show it, were the rest like these: the interval shrinks with the root.
+    If all frames together would do without an effect, it counts how many more would bound it or show
+    it. The further frames are taken to be like these: the interval shrinks with the root of n.
     """
     if bound.ci is None or bound.value is None or bound.ci[0] > 0:
         return None

@@ -71,8 +71,8 @@ class Label:
     A report draws it in the colours of its ``family``, with its ``own`` sign or that of its family.
     ``answer`` is to whether a model looks. A gate that requires the label by name is met by it, and
     so is one that requires what it ``meets``, or `LOOKS` where the answer is Yes or In part.
-    ``otherwise`` is what it shows of another label: that it fails, that it cannot say, or that it
-    fails where the share of pairs in which braking follows distance is bounded below the margin.
+    ``otherwise`` is what a gate reads in it that requires another label: the gate fails, cannot say,
+    or fails only where the share of pairs in which braking follows distance is bounded below the margin.
     ``early`` names the claims that settle it before a run has ended, the first its evidence.
     ``nearest`` is the next stronger label, and the test that kept a model from it.
     """
@@ -224,9 +224,9 @@ PROMPTED: dict[str, Label] = {
 class UseLabel(Label):
     """One label of an axis of a policy, or a guard in its place.
 
-    ``rank`` is its place in the order of its axis, by the least use that it claims: 0 says that
+    ``rank`` is its place in the order of its axis, by the least use that it claims. 0 says that
     nothing of the channel is used, None that the label says nothing. ``advice`` is for a person who
-    trains the policy; of a label that ``may_be_more`` it is what would settle that.
+    trains the policy. If a label ``may_be_more``, the advice is what would settle that.
     """
 
     rank: int | None = None

@@ -11,11 +11,10 @@ from eyechart.channels import reads as is_read
 from eyechart.records import plain, to_json_fields
 from eyechart.stats.shares import LogDistance, Share
 from eyechart.stats.statistic import Statistic
-from eyechart.verdicts.card import card
 from eyechart.verdicts.labels import CAMERA, INSTRUCTION, LOOKS, STATE, USES, UseLabel, meets
 from eyechart.verdicts.policy_rules import AxisVerdict, condition_of, judged, of_camera, of_instruction, of_state
 from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, fail, there, word
-from eyechart.verdicts.ruling import Ruling
+from eyechart.verdicts.ruling import Ruling, card
 from eyechart.verdicts.share_predicates import (
     EVERYTHING,
     FOLLOWED,

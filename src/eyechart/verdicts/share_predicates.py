@@ -70,8 +70,8 @@ def as_read(name: str, statistic: Statistic) -> Share:
 class ShareStatistics(dict[str, Share]):
     """The statistics of a policy, each of its kind, with facts on its run that rules read.
 
-    ``asked.CONDITION`` is 0 where the run did not ask it, the share of its calls without a motion
-    where the policy fails on it, and has no value where its bank lacks it.
+    ``asked.CONDITION`` is 0 if the run did not ask it. If the policy fails on it, the value is the
+    share of its calls without a motion. If the bank lacks it, there is no value.
     A statistic that is missing has an n of -1, and no other number.
     """
 

@@ -12,7 +12,6 @@ from eyechart.stats.episode_permutation import episodes_needed
 from eyechart.stats.paired_tests import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.battery_rules import CLAIMS, calibrated_rules, earns_lateral, lateral_rules
-from eyechart.verdicts.card import card
 from eyechart.verdicts.depth import EXCHANGE, STAGE, holes, is_drawn, is_edited, named, open_kinds
 from eyechart.verdicts.early_verdicts import GUARANTEE, PREFIX, StoppingPoint, early_lateral, early_paper, early_rules
 from eyechart.verdicts.evidence import DECIDED, Evidence, ScoredRun
@@ -20,7 +19,7 @@ from eyechart.verdicts.labels import ABSENCES, ALPHA, LABELS, LATERAL
 from eyechart.verdicts.numbers import FIRST, DepthNumber, numbers_of
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.rules import NamedStatistics
-from eyechart.verdicts.ruling import Ruling, measured, number
+from eyechart.verdicts.ruling import Ruling, card, measured, number
 from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
 
 _ASKED = {

@@ -33,9 +33,9 @@ RequestKeys = Mapping[int, CallKey]
 def require_requests(ledger: Path, attempts: Attempts, manifest: RunManifest, plan: Plan) -> None:
     """Raise LedgerError for the first call in a ledger whose request differs from the ``plan``.
 
-    Requests without pictures are compared first. Up to 200 MB of pictures follow: those that leave
-    unchanged from the bank, of 5000 frames per condition, and a few frames of those that are encoded
-    for a call. The latter count only if this machine encodes as the run's did. A validation of the
+    Requests without pictures are compared first. Up to 200 MB of pictures follow: of 5000
+    frames per condition if the bank's own are sent, and of a few frames if a call encodes them. The
+    latter count only if this machine encodes as the run's did. A validation of the
     run's bundle compares them all. What cannot be known is passed over: a row without a digest,
     pictures that are gone or differ, and a view or condition that no longer exists.
     """

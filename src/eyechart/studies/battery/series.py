@@ -1,7 +1,7 @@
 """Series of corruptions: how far down a model's effect holds, step by step.
 
-The effect is the one that a label rests on: harder braking for the near lead than for the far one,
-or, without such pictures, another answer to another frame's picture than to the same one again.
+The effect is the one that a label rests on: harder braking for the near lead than for the far one.
+Without such pictures it is another answer to another frame's picture than to the same one again.
 Both pictures are corrupted alike. A series asks step 3 first and halves what is left, so it asks
 three of the five steps at most. docs/decisions/battery.md says why.
 """

@@ -32,10 +32,8 @@ from eyechart.conditions.policies import subset_conditions
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import PLACES
 from eyechart.stats.agreement import rate
-from eyechart.stats.memory import memory_share
 from eyechart.stats.partners import NOBODY, Places
 from eyechart.stats.risk_bounds import share_bound
-from eyechart.stats.shapley import shapley_values
 from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind
 from eyechart.stats.sign_flip import follow
 from eyechart.stats.statistic import Statistic, not_available
@@ -47,11 +45,13 @@ from eyechart.stats.total_effect import (
     distance_from_log,
     half_products,
     held_still,
+    memory_share,
     misfit_share,
     noise_share,
     permutation_p,
     responding,
     rounding_tolerance,
+    shapley_values,
     share_beyond,
     shares_of_parts,
     squared_distance,

@@ -1,20 +1,21 @@
 """The page of scene estimates: admission by clause, every figure, and the worst frames."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from eyechart.calls import Reply
-from eyechart.conditions import show
+from eyechart.conditions import flip, show
 from eyechart.costs import ALL
 from eyechart.errors import EyechartError
-from eyechart.frames import Frame
+from eyechart.frames import RGB, Frame, decode
 from eyechart.gate import UNPARSED, hold_online
 from eyechart.integrity import unfinished
-from eyechart.perception.view import find_view, through
+from eyechart.perception.view import View, find_view, through
 from eyechart.report.accounts import deployment_tables
-from eyechart.report.charts import BLUE, HEAD, INK, MUTED, VERMILLION, Drawing, canvas, dots, style
+from eyechart.report.charts import BLUE, HEAD, INK, MUTED, VERMILLION, Drawing, canvas, dots, panels, style
 from eyechart.report.page import MOST_SAID, ExamplePicture, Page, PageSummary, Section, VerdictSummary, fill, parted
 from eyechart.report.table import estimate
 from eyechart.spaces.scene import SceneDecision
@@ -37,6 +38,8 @@ from eyechart.studies.structured.tables import (
     scored_of,
 )
 
+_WIDTH = 7.16
+"""The width of a figure over both columns of the paper's class, in inches."""
 _DRAWN = 12
 """The most models with a figure of their own in the page."""
 _OPENING_MODELS = 3
@@ -407,3 +410,40 @@ def _drivers_lines(of: str, score: OnlineScore) -> Iterator[str]:
     yield from (
         f"{of}refused: {check.scenario}/{check.seed}: {check.why}" for check in score.vetted if check.why is not None
     )
+
+
+def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
+    """Yield figure fgr:vlm-interface of the first run with pictures and a view.
+
+    Its frame is the first with a close lead, else the first with a lead, else the first of the run.
+    """
+    for run in evidence:
+        view = find_view(run.score.manifest.view)
+        if view is None or run.pictures is None or not run.frames:
+            continue
+        frame = _closest(run)
+        pixels = decode(run.pictures.recorded(frame), frame.file)
+        with style():
+            yield _compared(frame, pixels, view)
+        return
+
+
+def _closest(run: Estimates) -> Frame:
+    gap = run.score.bank.manifest.gap
+    return (
+        run.frames[0] if gap is None else min(run.frames, key=lambda frame: (not gap.near(frame), gap.of(frame) == inf))
+    )
+
+
+def _compared(frame: Frame, pixels: RGB, view: View) -> Drawing:
+    reflected = np.ascontiguousarray(flip(pixels, view.axis))
+    shown = {
+        "the simulator's frame": pixels,
+        f"the calibrated view ({view.name})": view.show(pixels, frame.file),
+        "its reflection": view.show(reflected, frame.file),
+    }
+    says = (
+        f"Frame {frame.id}, from left to right: as the simulator drew it, as models saw it, and as they saw its "
+        "reflection. In the reflection estimates of what is ahead stay, and LEFT and RIGHT exchange"
+    )
+    return Drawing("fgr-vlm-interface", "Visual interface", says, panels(shown, _WIDTH), wide=True)

@@ -78,7 +78,7 @@ class StructuredStudy(FrameStudy[StructuredScore]):
         self, runs: Sequence[Path], banks: Sequence[Path], reading: ReadOptions, tell: Tell
     ) -> "Iterator[Table | Drawing]":
         from eyechart.studies.battery.subjects import read_evidence
-        from eyechart.studies.structured.figures import interface
+        from eyechart.studies.structured.page import interface
         from eyechart.studies.structured.tables import paper_tables
 
         evidence = read_evidence(runs, banks, score=partial(self.score, reading=reading), tell=tell)
