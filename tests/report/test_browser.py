@@ -192,6 +192,17 @@ def test_the_page_is_not_wider_than_the_window(page: Any) -> None:  # noqa: ANN4
     assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
 
 
+def test_a_printed_page_has_what_is_folded_on_a_screen(page: Any) -> None:  # noqa: ANN401 - as above
+    """Without a script: paper cannot be unfolded."""
+    shown = "nodes => nodes.map(node => node.checkVisibility())"
+    folded = "details:not([open]) > :not(summary)"
+    hidden = page.eval_on_selector_all(folded, shown)
+    assert len(hidden) > 5
+    assert not any(hidden)
+    page.emulate_media(media="print")
+    assert all(page.eval_on_selector_all(f"section:not(#frames) {folded}", shown))
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_serious_violation(page: Any, scheme: str) -> None:  # noqa: ANN401 - as above
     """Accessible names, contrast, roles and order, with every fold of the page open, light and dark."""
