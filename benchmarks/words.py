@@ -103,18 +103,24 @@ def _reasons(path: Path) -> Iterator[tuple[str, str]]:
 
 def pages(before: Path, after: Path, count: int = 5) -> Iterator[str]:
     """Yield a table of pages, drawn by the seed: words a sentence of their prose, before and after."""
-    names = sorted(one.name for one in (after / "docs").glob("*.md") if (before / "docs" / one.name).is_file())
+    both = [one.name for one in (after / "docs").glob("*.md") if (before / "docs" / one.name).is_file()]
+    names = sorted(name for name in both if all(_lengths(tree / "docs" / name) for tree in (before, after)))
     yield f"\n## {count} pages\n"
     yield "| page | before: sentences, median, of 30 words or more | after |\n|---|---|---|"
     for name in sorted(random.Random(SEED).sample(names, count)):  # noqa: S311 - no secret
-        rows = (_prose((tree / "docs" / name).read_text("utf-8")) for tree in (before, after))
+        rows = (_prose(tree / "docs" / name) for tree in (before, after))
         yield f"| {name} | {' | '.join(rows)} |"
 
 
-def _prose(page: str) -> str:
-    """Return how long the sentences of a page are, without its tables, headings and code."""
-    text = re.sub(r"(?ms)^```.*?^```|^\|.*?$|^#.*?$|^<.*?$", "", page)
-    lengths = [len(one.split()) for one in sentences(text)]
+def _lengths(page: Path) -> list[int]:
+    """Return the words of each sentence of a page, without its tables, headings and code."""
+    text = re.sub(r"(?ms)^```.*?^```|^\|.*?$|^#.*?$|^<.*?$", "", page.read_text("utf-8"))
+    return [len(one.split()) for one in sentences(text)]
+
+
+def _prose(page: Path) -> str:
+    """Return how many sentences a page has, and how long they are."""
+    lengths = _lengths(page)
     return f"{len(lengths)}, {statistics.median(lengths):g}, {sum(one >= LONG for one in lengths)}"
 
 

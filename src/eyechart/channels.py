@@ -113,7 +113,7 @@ def _require_shapes(spec: str, shapes: InputShapes, space: MotionSpace, bank: Fr
         if found[name][:2] != (high, wide):
             own = f"{found[name][1]}×{found[name][0]}"
             raise SpecError(
-                f"'{spec}' reads pictures of {wide}×{high} of the camera '{name}', and the bank's have {own}: import "
+                f"'{spec}' reads pictures of {wide}×{high} of the camera '{name}', and the bank's have {own}. Import "
                 "the data set that it was trained on, or write a callable that resizes them"
             )
     steps, numbers = space.shape

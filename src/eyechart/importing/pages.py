@@ -232,7 +232,7 @@ def _check_group(pages: "_Pages", where: str, group: Fields, leaves: Sequence[tu
             much = f"{listed} numbers in vectors" if listed > MOST_LISTED else f"{size} bytes at a time"
             raise _MalformedError(
                 f"{column} unpacks to {much}, with the columns before it more than the limit of "
-                f"{MOST_LISTED if listed > MOST_LISTED else MOST_UNPACKED}; write smaller pages and row groups, or "
+                f"{MOST_LISTED if listed > MOST_LISTED else MOST_UNPACKED}. Write smaller pages and row groups, or "
                 "leave the column out"
             )
 

@@ -71,9 +71,9 @@ class Label:
     A report draws it in the colours of its ``family``, with its ``own`` sign or that of its family.
     ``answer`` is to whether a model looks. A gate that requires the label by name is met by it, and
     so is one that requires what it ``meets``, or `LOOKS` where the answer is Yes or In part.
-    ``otherwise`` is what a gate reads in it that requires another label: the gate fails, cannot say,
-    or fails only where the share of pairs in which braking follows distance is bounded below the margin.
-    ``early`` names the claims that settle it before a run has ended, the first its evidence.
+    ``otherwise`` is what a gate reads in it that requires another label. The gate fails or cannot
+    say, or it fails only if the share of pairs in which braking follows distance is bounded below
+    the margin. ``early`` names the claims that settle it before a run has ended, the first its evidence.
     ``nearest`` is the next stronger label, and the test that kept a model from it.
     """
 

@@ -398,8 +398,8 @@ class Effects:
 
         Listed are parts whose lower end is above the margin of use. A part must vary at least as
         much as one of the log does, since one that hardly moves can have any share. A part whose
-        logged spread comes from a few frames is compared with its own variation alone, and so is one
-        that counts in its own unit, unless it moves by no more than `ROUNDING` of that.
+        logged spread comes from a few frames is compared with its own variation alone. So is one that
+        counts in its own unit, unless it moves by no more than `ROUNDING` of that.
         """
         some, others = self._others()
         went = half_products(self._real[:, frames], changed[:, frames])
