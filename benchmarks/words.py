@@ -65,9 +65,11 @@ def _said(node: ast.expr) -> str:
     return ""
 
 
-def measured(package: Path) -> str:
-    """Return a row of the table: docstrings, words a sentence (median, ninth tenth), and the share of long ones."""
-    found = [one for kind, _, words in texts(package) if kind == "docstrings" for one in sentences(words)]
+def measured(package: Path, kind: str) -> str:
+    """Return a row of the table: sentences, words a sentence (median, ninth tenth), and the share of long ones."""
+    found = [one for of, _, words in texts(package) if of == kind for one in sentences(words)]
+    if len(found) < 2:
+        return f"{len(found)} | | | "
     lengths = [len(one.split()) for one in found]
     tenth = statistics.quantiles(lengths, n=10)[-1]
     long = sum(one >= LONG for one in lengths)
@@ -136,9 +138,9 @@ def main() -> None:
     lines = [
         "# Sentences, before and after",
         f"\nDrawn by `benchmarks/words.py` with the seed {SEED}.",
-        "\n| docstrings of | sentences | words a sentence, median | ninth tenth | of 30 words or more |",
-        "|---|---|---|---|---|",
-        *(f"| {name} | {measured(folder)} |" for name, folder in trees.items()),
+        "\n| texts | of | sentences | words a sentence, median | ninth tenth | of 30 words or more |",
+        "|---|---|---|---|---|---|",
+        *(f"| {kind} | {name} | {measured(folder, kind)} |" for kind in _KINDS for name, folder in trees.items()),
         *drawn(trees["before"], trees["after"]),
         *verdicts(given.before, given.after),
         *pages(given.before, given.after),

@@ -69,11 +69,11 @@ class Label:
     """One label: what it says, how it is drawn, what a gate reads in it, and what settles it early.
 
     A report draws it in the colours of its ``family``, with its ``own`` sign or that of its family.
-    ``answer`` is to whether a model looks. A gate that requires the label by name is met by it, and
-    so is one that requires what it ``meets``, or `LOOKS` where the answer is Yes or In part.
+    ``answer`` is to whether a model looks. A gate that requires the label by name is met by it. So
+    is one that requires what it ``meets``, or `LOOKS` where the answer is Yes or In part.
     ``otherwise`` is what a gate reads in it that requires another label. The gate fails or cannot
-    say, or it fails only if the share of pairs in which braking follows distance is bounded below
-    the margin. ``early`` names the claims that settle it before a run has ended, the first its evidence.
+    say, or fails if few enough pairs brake by distance: their share is bounded below the margin.
+    ``early`` names the claims that settle it before a run has ended, the first its evidence.
     ``nearest`` is the next stronger label, and the test that kept a model from it.
     """
 
