@@ -1,5 +1,6 @@
 """A look at a LeRobotDataset: a policy's steps are found out by asking it, and a model sees its one camera."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from data_sets import arm, lerobot, reach
 from eyechart.cli.app import app
 from eyechart.frames import open_bank
 from faults import FaultServer
+from readme import ANSWERS, README, door, run
 from steering import Driver, rover_set
 
 pytestmark = pytest.mark.models
@@ -29,6 +31,21 @@ def test_a_policy_is_asked_with_as_many_steps_as_it_answers(tmp_path: Path, monk
     again = CliRunner().invoke(app, words)
     assert again.stdout == done.stdout
     assert "at most 0 calls" in again.stderr
+
+
+def test_the_door_of_the_readme_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first command as it stands, with a function of the name and the arguments that it gives."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_robot", raising=False)
+    reach(tmp_path / "so100", {}, changes=True)
+    words, trained = door("robot policy")
+    assert trained == ["look", "trained:sees"]  # tests/test_look.py looks at it
+    assert "def act(images, state, instruction)" in README
+    (tmp_path / "my_robot.py").write_text(
+        "from brakers import four_steps\n\n\ndef act(images, state, instruction):\n"
+        "    return four_steps(images, state, instruction)\n"
+    )
+    assert run(words).startswith(ANSWERS)
 
 
 def test_a_policy_that_needs_earlier_instants_gets_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,6 +27,7 @@ ALIASES: Mapping[str, str] = MappingProxyType(
     {
         "answer": "text",
         "response": "text",
+        "reply": "text",
         "latency": "seconds",
         "latency_s": "seconds",
         "cost": "cost_usd",

@@ -151,7 +151,7 @@ def _spec(source: AnswerSource, name: str | None, before: RunManifest | None, ou
 
 def _no_answer(brought: ImportedAnswers) -> str:
     if not brought.repeats:
-        return "its column 'text' is empty"
+        return "no row has a 'text' (or answer, response, reply: the words as they came)"
     return f"all {brought.repeats} have a repeat of 1 or more, and the first answer to a call has repeat 0"
 
 
