@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
-from eyechart.ledger import soundness
+from eyechart.ledger import schema
 from eyechart.ledger.rows import checksum
 
 Change = Callable[[Path], None]
@@ -57,8 +57,8 @@ def in_results(change: Callable[[Any], None]) -> Change:
 
 def checked(ledger: sqlite3.Connection) -> None:
     """Give every reply of a ledger without triggers the checksum of what it says, as whoever means harm can."""
-    rows = ledger.execute(soundness._EVERY_ROW).fetchall()
-    digests = [(checksum(row[soundness._BEFORE :]), row[0]) for row in rows]
+    rows = ledger.execute(schema._EVERY_ROW).fetchall()
+    digests = [(checksum(row[schema._BEFORE :]), row[0]) for row in rows]
     ledger.executemany("UPDATE replies SET row_sha256 = ? WHERE attempt = ?", digests)
 
 

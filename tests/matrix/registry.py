@@ -76,6 +76,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.kept", "_bank_of"): "gate",
     ("eyechart.kept", "_hashed"): "gate",
     ("eyechart.kept", "_keep"): "gate",
+    ("eyechart.kept", "_make_key"): "gate",
     ("eyechart.kept", "_key"): "gate",
     ("eyechart.kept", "_opened"): "gate",
     ("eyechart.kept", "_program"): "gate",

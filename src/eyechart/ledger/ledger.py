@@ -29,9 +29,19 @@ from eyechart.ledger.rows import (
     now,
     row_of,
 )
-from eyechart.ledger.schema import APPENDED, MIGRATION, OLDER, SCHEMAS, VERSION, format_of, is_bare
+from eyechart.ledger.schema import (
+    APPENDED,
+    MIGRATION,
+    OLDER,
+    SCHEMAS,
+    VERSION,
+    damaged,
+    format_of,
+    is_bare,
+    require_sound,
+    require_whole,
+)
 from eyechart.ledger.snapshot import connect, open_copy
-from eyechart.ledger.soundness import damaged, require_sound, require_whole
 
 _ADD_CALL = f"INSERT OR IGNORE INTO calls ({KEY}) VALUES (?, ?, ?, ?, ?, ?)"
 _LAST_ATTEMPT = (
