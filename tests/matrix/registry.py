@@ -147,7 +147,6 @@ DRIVEN: dict[tuple[str, str], str] = {
 NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.__main__", "_interrupted"): "writes one line as the process ends: tests/cli/test_interrupted.py",
     ("eyechart.cli.help", "_write"): "writes into the text of a help: tests/cli/test_cli.py",
-    ("eyechart.stats.statistic", "special_functions"): "imports a part of scipy: tests/stats/test_margins.py",
     ("eyechart.formats", "Format._function"): "imports a module of eyechart's own: tests/test_importing_formats.py",
     (
         "eyechart.bundle.differences",
