@@ -152,7 +152,7 @@ def test_a_served_model_is_probed_with_what_is_given(bank: FrameBank, tmp_path: 
     mode = given.score.manifest.mode("openai:m")
     assert (mode.max_tokens, mode.measured is not None) == (900, True)
     with served() as moved:
-        with pytest.raises(LedgerError, match="moved=True to continue there and record it"):
+        with pytest.raises(LedgerError, match="or continue a run with moved=True, which records it"):
             run_battery(bank, "openai:m", tmp_path / "run", limit=2, base_url=moved.base_url, max_tokens=900)
         how = {"base_url": moved.base_url, "max_tokens": 900, "moved": True}
         more = run_battery(bank, "openai:m", tmp_path / "run", limit=2, **how)  # type: ignore[arg-type]

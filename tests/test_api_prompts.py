@@ -107,7 +107,7 @@ def test_a_server_that_has_moved_is_gone_on_with_where_that_is_said(bank: FrameB
     with FaultServer([Endpoint()]) as server:
         compare_prompts(bank, "openai:m", base_url=server.base_url, **asked)
     with FaultServer([Endpoint()]) as server:
-        with pytest.raises(LedgerError, match="moved=True to continue there and record it"):
+        with pytest.raises(LedgerError, match="or continue a run with moved=True, which records it"):
             compare_prompts(bank, "openai:m", base_url=server.base_url, **asked)
         found = compare_prompts(bank, "openai:m", base_url=server.base_url, moved=True, accept_loss=True, **asked)
         assert server.requests == 0

@@ -62,6 +62,7 @@ def say(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):  #
     def run(folder: Path, line: str) -> tuple[int, str, str]:
         monkeypatch.chdir(folder)
         monkeypatch.syspath_prepend(str(folder))
+        monkeypatch.delitem(sys.modules, "controllers", raising=False)  # that of another copy, which may be gone
         monkeypatch.setattr(sys, "argv", ["eyechart", *shlex.split(line)])
         capsys.readouterr()
         with pytest.raises(SystemExit) as left:

@@ -165,7 +165,7 @@ class _Writer:
         self._waiting.append((write, written))
         return written
 
-    def _wait(self, loop: asyncio.AbstractEventLoop, turns: int) -> None:
+    def _wait(self, loop: "asyncio.AbstractEventLoop", turns: int) -> None:
         """Write after so many turns of the event loop."""
         if turns:
             loop.call_soon(self._wait, loop, turns - 1)

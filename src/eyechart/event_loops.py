@@ -16,8 +16,7 @@ else:
         def __getattr__(self, name: str) -> object:
             import asyncio  # noqa: PLC0415 - this is the place
 
-            found = self.__dict__[name] = getattr(asyncio, name)  # the next time it is not looked for
-            return found
+            return getattr(asyncio, name)
 
     asyncio = _LazyAsyncio()
     """Python's ``asyncio``, imported on first use: reading a run makes no call."""

@@ -285,7 +285,7 @@ def test_a_policy_on_a_server_that_has_moved_goes_on_where_that_is_said(
     with FaultServer([Driver()]) as server:
         run_policies(bank, "openai:m", tmp_path / "run", base_url=server.base_url, limit=3, **asked)
     with FaultServer([Driver()]) as server:
-        with pytest.raises(LedgerError, match="moved=True to continue there and record it"):
+        with pytest.raises(LedgerError, match="or continue a run with moved=True, which records it"):
             run_policies(bank, "openai:m", tmp_path / "run", base_url=server.base_url, limit=5, **asked)
         asked["moved"] = True
         found = run_policies(bank, "openai:m", tmp_path / "run", base_url=server.base_url, limit=5, **asked)
