@@ -62,7 +62,7 @@ class OnTheWay(Endpoint):
         if self.way == "mixes":
             self.under_way.append(sent)
             place = len(self.under_way)
-            await asyncio.sleep(0.03)
+            await asyncio.sleep(0.15)  # on a busy machine too, several requests come in this time
             result = self.under_way[place % len(self.under_way)]
             await asyncio.sleep(0.03)
             self.under_way = []
