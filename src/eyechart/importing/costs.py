@@ -83,7 +83,8 @@ def _columns_taken(bank: FrameBank) -> Iterator[str]:
         yield f"columns, guessed by their names: {', '.join(guessed)}"
     if isinstance(columns, dict) and (unplaced := _unplaced(bank, {*map(str, columns.values())})):
         more = f" and {len(unplaced) - _MANY} more" if len(unplaced) > _MANY else ""
-        of = "PLACE=COLUMN gives one a place" if bank.manifest.gap is not None else "gap=COLUMN names the distance ahead"
+        names_gap = bank.manifest.gap is None
+        of = "gap=COLUMN names the distance ahead" if names_gap else "PLACE=COLUMN gives one a place"
         yield f"columns without a place, kept as ground truth: {', '.join(unplaced[:_MANY])}{more}; --map {of}"
 
 
