@@ -405,19 +405,6 @@ def _show(planned: "EpisodesRun", *, json: bool) -> None:
         told = {"run": str(planned.out), "left": len(left), "unfinished": why}
         print_json({**told, "rows": [row.as_dict() for row in rows]})
         return
-    from eyechart.report.table import Column, Table
+    from eyechart.studies.closed_loop.tables import means_table
 
-    named = (
-        *(Column("policy", "word"), Column("condition", "word"), Column("episodes", "count")),
-        *(Column("distance m", "number", 1), Column("reward", "number", 2), Column("speed m/s", "number", 1)),
-        *(Column("crashed", "number", 1, 100, "%"), Column("no decision", "number", 1, 100, "%")),
-        Column("errors", "count"),
-    )
-    cells = tuple(
-        (
-            *(row.policy, row.condition, row.episodes, row.distance_m, row.reward, row.speed_mps),
-            *(row.crash_rate, row.without_decision, row.errors),
-        )
-        for row in rows
-    )
-    print_each([Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells)])
+    print_each([means_table(planned.manifest.simulator, rows)])
