@@ -99,7 +99,7 @@ def test_a_stop_is_judged_by_what_a_whole_run_reads_of_its_bank(bank: FrameBank,
     planned = study.plan(bank.root, [STEADY], tmp_path / "run", extent=EARLY)
     gap = bank.manifest.gap
     assert gap is not None
-    assert layout_for(planned, STEADY).whole == WholeRun(gap, bank.manifest.provenance, seed=planned.seed)
+    assert layout_for(planned.plan, STEADY).whole == WholeRun(gap, bank.manifest.provenance, seed=planned.plan.seed)
 
 
 def test_on_real_pictures_the_verdicts_are_those_of_the_whole_battery(demo: Demo, highway: tuple[Path, Result]) -> None:

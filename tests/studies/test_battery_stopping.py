@@ -105,7 +105,7 @@ def test_following_the_gap_by_observation_never_stops_a_run() -> None:
 
 
 def test_a_depth_is_settled_by_the_true_pictures_at_their_gaps_too() -> None:
-    """Who reads the distance where the lead was moved, and the wrong way round where it was not, is asked to the end."""
+    """A model that follows moved leads alone, and is the wrong way round on true pictures, is asked to the end."""
 
     def moved_alone(condition: str, frame: Frame, rng: object) -> str:
         seen = depth(condition, frame, rng)
