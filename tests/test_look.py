@@ -1,9 +1,9 @@
 """``eyechart look``: from whatever is brought to one answer on one screen, and the same as the long way gives."""
 
 import json
-import shlex
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
