@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from eyechart.calibrate import early_stops as stopping
-from eyechart.calibrate.early_stops import EarlyStopOutcome, Sums
-from eyechart.calibrate.known_answers import KNOWN, NULLS, adversaries, is_false
-from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.records import to_json_fields
 from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.statistic import Statistic
+from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart_organisms.calibration import early_stops as stopping
+from eyechart_organisms.calibration.early_stops import EarlyStopOutcome, Sums
+from eyechart_organisms.calibration.known_answers import KNOWN, NULLS, is_false
+from eyechart_organisms.calibration.world import POWER, SETTINGS
 
 FORMAT = "eyechart-calibration/1"
 VARIANTS = ("with counterfactuals", "without counterfactuals")
@@ -185,8 +186,8 @@ class Calibration:
         """Return the rate of a false claim for each adversary that it could wrong."""
         result = {}
         for name, counts in self.adversaries.items():
-            false = {called: claim in adversaries()[name].is_false(*called.split("/")) for called in counts}
-            if adversaries()[name].may_be_wronged(claim):
+            false = {called: claim in ADVERSARIES[name].is_false(*called.split("/")) for called in counts}
+            if ADVERSARIES[name].may_be_wronged(claim):
                 result[name] = rate(sum(counts[called] for called in counts if false[called]), sum(counts.values()))
         return result
 
@@ -198,7 +199,7 @@ class Calibration:
                 sum(counts.values()),
             )
             for name, counts in self.adversaries.items()
-            if adversaries()[name].follows
+            if ADVERSARIES[name].follows
         }
 
     def type_one(self, setting: str, test: str) -> Statistic:
@@ -286,7 +287,7 @@ class Calibration:
             },
             **to_json_fields(self, "tests early ever"),
             "adversaries": {
-                name: {"says": adversaries()[name].says, "deserves": adversaries()[name].deserves, "called": counts}
+                name: {"says": ADVERSARIES[name].says, "deserves": ADVERSARIES[name].deserves, "called": counts}
                 for name, counts in self.adversaries.items()
             },
             "power": [setting for setting in POWER if setting in self.settings],
