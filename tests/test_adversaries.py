@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from eyechart.calibrate.world import SETTINGS, SimulatedView, World, make_world
 from eyechart.frames import EXCHANGE
 from eyechart.models.scripted import PerceivedPicture
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import Other
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
+from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
 
 pytestmark = pytest.mark.slow
 
