@@ -148,7 +148,6 @@ def hierarchy(
     """
     from eyechart.studies.hierarchy import PARTS, Arms, plan, read_choice, score
     from eyechart.studies.hierarchy.study import Hierarchy
-    from eyechart.studies.probes import Planner
 
     choice = read_choice(sources, arms, worlds, None if seeds is None else _seeds(seeds))
 
@@ -160,8 +159,8 @@ def hierarchy(
         found = score(out)
         print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
 
-    planner = Planner(planned, [out / name for name in PARTS], others=choice.sources != frozenset())
-    make(planner, making.asked(policy or [], mode), making.allowed(out, processes=processes), show=show)
+    runs, others = [out / name for name in PARTS], choice.sources != frozenset()
+    make(planned, runs, making.asked(policy, mode), making.allowed(out, processes=processes), show=show, others=others)
 
 
 @options.expanded
@@ -193,7 +192,6 @@ def online(
     Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart.episodes import Setup
-    from eyechart.studies.probes import Planner
     from eyechart.studies.structured import online as study
 
     setup = Setup(simulator, seed, reflected=reflections)
@@ -211,7 +209,7 @@ def online(
     done = (
         f"'eyechart score {out}' prints the results, 'eyechart gate {out}' checks them against the clauses of admission"
     )
-    make(Planner(planned, [out]), options.read_modes(model, mode, how.given()), allowed, done, show=check)
+    make(planned, [out], options.read_modes(model, mode, how.given()), allowed, done, show=check)
 
 
 @options.expanded
@@ -357,7 +355,6 @@ def _drive(
     ``alone`` says that the command has no other drivers.
     """
     from eyechart.policies import is_policy
-    from eyechart.studies.probes import Planner
 
     asked = options.read_modes(
         [policy for policy in policies if ":" in policy and not is_policy(policy)], modes, how.given()
@@ -370,7 +367,7 @@ def _drive(
         return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models])
 
     others = not alone or len(models) < len(names)
-    make(Planner(planned, [out], others=others), asked, allowed, done, show=show)
+    make(planned, [out], asked, allowed, done, show=show, others=others)
 
 
 def require_drives(runs: Sequence[Path]) -> None:
@@ -408,19 +405,6 @@ def _show(planned: "EpisodesRun", *, json: bool) -> None:
         told = {"run": str(planned.out), "left": len(left), "unfinished": why}
         print_json({**told, "rows": [row.as_dict() for row in rows]})
         return
-    from eyechart.report.table import Column, Table
+    from eyechart.studies.closed_loop.tables import means_table
 
-    named = (
-        *(Column("policy", "word"), Column("condition", "word"), Column("episodes", "count")),
-        *(Column("distance m", "number", 1), Column("reward", "number", 2), Column("speed m/s", "number", 1)),
-        *(Column("crashed", "number", 1, 100, "%"), Column("no decision", "number", 1, 100, "%")),
-        Column("errors", "count"),
-    )
-    cells = tuple(
-        (
-            *(row.policy, row.condition, row.episodes, row.distance_m, row.reward, row.speed_mps),
-            *(row.crash_rate, row.without_decision, row.errors),
-        )
-        for row in rows
-    )
-    print_each([Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells)])
+    print_each([means_table(planned.manifest.simulator, rows)])

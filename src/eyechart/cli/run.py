@@ -105,7 +105,6 @@ def battery(
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
     from eyechart.studies.battery.series import read_series
-    from eyechart.studies.probes import Planner
 
     corruptions = () if series is None else read_series(series)
     asked_about = _with_fresh_controls(frames, out, shard, dry_run=making.dry_run) if fresh_controls else frames
@@ -119,7 +118,7 @@ def battery(
         return study.plan(asked_about, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
-    make(Planner(planned, [out]), making.asked(model, mode), making.allowed(out, shard=shard), done)
+    make(planned, [out], making.asked(model, mode), making.allowed(out, shard=shard), done)
 
 
 @options.expanded
@@ -154,7 +153,6 @@ def prompts(
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
-    from eyechart.studies.probes import Planner
 
     for one in json_mode or ():
         if one not in STRUCTURED:
@@ -175,8 +173,8 @@ def prompts(
     done = f"'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell"
     # A cell with its own budget says nothing about the others. The form of replies is a factor
     # here, so the probe may not fix it.
-    planner = Planner(planned, study.cells_in(out), whole=not budget)
-    make(planner, making.asked(model, mode), making.allowed(out), done, fixed={"structured": "none"})
+    asked, allowed, fixed = making.asked(model, mode), making.allowed(out), {"structured": "none"}
+    make(planned, study.cells_in(out), asked, allowed, done, fixed=fixed, whole=not budget)
 
 
 @options.expanded
@@ -197,10 +195,9 @@ def admission(
     scripted:scene_side_blind --frames bank --out adm
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probes import Planner
 
-    planner = Planner(lambda modes: study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed), [out])
-    make(planner, making.asked(model, mode), making.allowed(out), _SCENES.format(out))
+    plan = partial(study.plan, study.ADMISSION, frames, out=out, view=view, seed=seed)
+    make(plan, [out], making.asked(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -223,11 +220,9 @@ def structured(
     scenes
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probes import Planner
 
-    plan = partial(study.plan, study.STRUCTURED, view=view, seed=seed, limit=limit)
-    planner = Planner(lambda modes: plan(frames, modes, out), [out])
-    make(planner, making.asked(model, mode), making.allowed(out), _SCENES.format(out))
+    plan = partial(study.plan, study.STRUCTURED, frames, out=out, view=view, seed=seed, limit=limit)
+    make(plan, [out], making.asked(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -247,11 +242,10 @@ def _study(
     unfinished; 3: stopped at --max-calls or --max-cost.
     """
     from eyechart.studies import open_study
-    from eyechart.studies.probes import Planner
 
     study = open_study(str(ctx.info_name))
-    planner = Planner(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
-    make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
+    plan = partial(study.plan, frames, out=out, seed=seed, limit=limit)
+    make(plan, [out], making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
 
 
 @options.expanded
@@ -296,7 +290,6 @@ def policy(
     from eyechart.models import states
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
-    from eyechart.studies.probes import Planner
 
     given = {} if timeout_s is None else {"timeout_s": timeout_s}
     asked = options.read_modes(policy, mode, making.how.given() | given)
@@ -308,27 +301,31 @@ def policy(
 
     allowed = making.allowed(out, shard=shard, in_words=any(states(one.spec) for one in asked.modes))
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
-    make(Planner(planned, [out]), asked, allowed, done)
+    make(planned, [out], asked, allowed, done)
 
 
 _SCENES = "'eyechart score {}' prints the table, the clauses and every figure"
 
 
 def make(
-    study: "Planner[P]",
+    plan: "Callable[[Sequence[RequestMode]], P]",
+    runs: Sequence[Path],
     asked: "RunModes",
     allowed: "RunAllowance",
     done: str = "",
     *,
     fixed: Mapping[str, object] | None = None,
     show: "Callable[[P], object]" = lambda _: None,
+    **how: bool,
 ) -> None:
     """Plan a run of any study, probe its models, make its calls and print how it ended.
 
-    A probe changes no field that is ``fixed`` or set by an option. ``show`` prints results before
-    the end; ``done`` is the last line.
+    ``runs`` and ``how`` are those of a `Planner`. A probe changes no field that is ``fixed`` or set
+    by an option. ``show`` prints results before the end; ``done`` is the last line.
     """
-    planned, failed = _probed(study, asked, allowed, fixed or {})
+    from eyechart.studies.probes import Planner
+
+    planned, failed = _probed(Planner(plan, runs, **how), asked, allowed, fixed or {})
     say(*planned.lines(allowed))
     if allowed.dry_run:
         return

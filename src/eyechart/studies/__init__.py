@@ -59,6 +59,8 @@ class CheckpointSeries(Protocol):
 
 
 S = TypeVar("S", bound=Score)
+HELD = {True: "holds", False: "FAILS", None: "cannot say"}
+"""The first word of a check or a guard, as it is printed."""
 NO_DRIVES = dict.fromkeys(
     ("score --against", "report --against"), "is no run of drives, and --against names a policy of one"
 )
@@ -241,6 +243,20 @@ class Study(ABC, Generic[S]):
         for name, run in self.runs(folder).items():
             costs.add(name, self.took_run(run, prices, fresh=fresh))
         return costs
+
+    def costs_printed(self, run: Path, prices: Prices, *, every: bool, fresh: bool) -> "Iterator[Table | str]":
+        """Yield what a run's calls took, what decisions cost, and the guards."""
+        from eyechart.report.accounts import costs_table  # noqa: PLC0415 - a score needs no tables
+
+        took = self.took(run, prices, fresh=fresh)
+        each = self.deployment([run], ReadOptions(prices=prices), {run: took})
+        tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
+        yield from (table.known() if self.callables else table for table in tables)
+        if not took.accounts:
+            yield "no model was asked: policies and worlds take no calls"
+        yield from (f"the probe of {spec} before the run also took: {one.words}" for spec, one in took.probes.items())
+        for spec, found in took.guards.items():
+            yield from (f"{HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found)
 
     def deployment(
         self, runs: Sequence[Path], reading: ReadOptions, took: Mapping[Path, RunCosts] | None = None
