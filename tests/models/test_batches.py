@@ -255,7 +255,7 @@ def test_the_doctor_holds_a_batch_against_single_calls(bank: FrameBank, name: st
     """Answers that change places are found, and a batch of too few, each of which is asked alone."""
     found = {one.name: one for one in examine_policy(spec(name), bank).findings}["batch"]
     assert said in found.says
-    assert found.fine is (name != "reversed_")
+    assert found.fine is (name == "batched")
     assert "batch" not in {one.name for one in examine_policy(spec("single"), bank).findings}
 
 
