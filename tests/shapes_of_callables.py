@@ -86,6 +86,7 @@ class Arm:
     """One with a network, as an object."""
 
     def __call__(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Answer."""
         return network(images, state, instruction)
 
     def act(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -206,7 +207,7 @@ def blind_to_grey(images: Images, state: np.ndarray, instruction: str | None) ->
 
 def ragged(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Return few steps in one half of the table."""
-    return network(images, state, instruction)[: 5 if state[0] > 0.3 else 8]
+    return network(images, state, instruction)[: 5 if state[0] > 0.5 else 8]
 
 
 # Answers that are not the array.
@@ -285,7 +286,7 @@ def queue(images: Images, state: np.ndarray, instruction: str | None) -> np.ndar
 
 def queue_tiled(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """Return one step a call, for all steps."""
-    _TILED.extend(() if _TILED else network(images, state, instruction) * np.arange(1, 9)[:, None])
+    _TILED.extend(() if _TILED else network(images, state, instruction) * np.linspace(1, 2, 8)[:, None])
     return np.tile(_TILED.pop(0), (8, 1))
 
 

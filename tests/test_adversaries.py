@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eyechart.calibrate.tally import LIMITS, WEAK
-from eyechart.calibrate.world import SETTINGS, SimulatedView, World, make_world
 from eyechart.frames import EXCHANGE
 from eyechart.models.scripted import PerceivedPicture
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import Other
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
+from eyechart_organisms.calibration.tally import LIMITS, WEAK
+from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
 
 pytestmark = pytest.mark.slow
 

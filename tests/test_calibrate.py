@@ -14,50 +14,6 @@ import numpy as np
 import pytest
 
 from eyechart import cli, verdicts
-from eyechart.calibrate import SETTINGS, Calibration, calibrate, replication
-from eyechart.calibrate.known_answers import (
-    COINS,
-    FOLLOW_GAP,
-    KNOWN,
-    NEVER_LOOK,
-    NULLS,
-    BankCapabilities,
-    deserved,
-    is_false,
-)
-from eyechart.calibrate.replication import (
-    DRAWN,
-    ReplicationResult,
-    Task,
-    answers_of,
-    replicate,
-    without_counterfactuals,
-)
-from eyechart.calibrate.table import tables
-from eyechart.calibrate.tally import (
-    CLAIMS,
-    VARIANTS,
-    WANTED,
-    AdversaryTrial,
-    FalseClaims,
-    ReplicationOutcome,
-    RuleOutcome,
-    read_calibration,
-    tally,
-)
-from eyechart.calibrate.world import (
-    FAR_M,
-    FARTHEST_M,
-    FEWEST_FRAMES,
-    GAP_AR,
-    GAP_LOG_SD,
-    MOST_FRAMES,
-    NEAREST_M,
-    POWER,
-    ROADS,
-    SPAN,
-    make_world,
-)
 from eyechart.conditions import NUDGES, OLDER, RANGED
 from eyechart.errors import SpecError
 from eyechart.frames import APART, EXCHANGE, LEAD
@@ -70,6 +26,50 @@ from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts.battery_rules import DISTANCE
 from eyechart.verdicts.rules import Axis
+from eyechart_organisms.calibration import SETTINGS, Calibration, calibrate, replication
+from eyechart_organisms.calibration.known_answers import (
+    COINS,
+    FOLLOW_GAP,
+    KNOWN,
+    NEVER_LOOK,
+    NULLS,
+    BankCapabilities,
+    deserved,
+    is_false,
+)
+from eyechart_organisms.calibration.replication import (
+    DRAWN,
+    ReplicationResult,
+    Task,
+    answers_of,
+    replicate,
+    without_counterfactuals,
+)
+from eyechart_organisms.calibration.table import tables
+from eyechart_organisms.calibration.tally import (
+    CLAIMS,
+    VARIANTS,
+    WANTED,
+    AdversaryTrial,
+    FalseClaims,
+    ReplicationOutcome,
+    RuleOutcome,
+    read_calibration,
+    tally,
+)
+from eyechart_organisms.calibration.world import (
+    FAR_M,
+    FARTHEST_M,
+    FEWEST_FRAMES,
+    GAP_AR,
+    GAP_LOG_SD,
+    MOST_FRAMES,
+    NEAREST_M,
+    POWER,
+    ROADS,
+    SPAN,
+    make_world,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -186,7 +186,7 @@ def test_a_rule_that_reads_any_trend_as_depth_is_caught(monkeypatch: pytest.Monk
 
 def test_a_test_that_always_rejects_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The type-I error of a test is counted where its null is true, from the p that it gave."""
-    from eyechart.calibrate import replication  # noqa: PLC0415 - the module, not its function
+    from eyechart_organisms.calibration import replication  # noqa: PLC0415 - the module, not its function
 
     def rejecting(*given: object) -> dict[str, Statistic]:
         statistics = statistics_of(*given)  # type: ignore[arg-type]

@@ -6,9 +6,16 @@ import random
 import numpy as np
 import pytest
 
-from eyechart.calibrate import SETTINGS, Calibration, calibrate, replication
-from eyechart.calibrate import early_stops as stopping
-from eyechart.calibrate.early_stops import (
+from eyechart.conditions import CONDITIONS
+from eyechart.seeds import key_seed
+from eyechart.spaces.discrete import DRIVING
+from eyechart.stats import evalues
+from eyechart.studies.battery.early_stop import StoppingState
+from eyechart.studies.battery.evidence import claims
+from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart_organisms.calibration import SETTINGS, Calibration, calibrate, replication
+from eyechart_organisms.calibration import early_stops as stopping
+from eyechart_organisms.calibration.early_stops import (
     DRAWS,
     EMPTY,
     NULLS,
@@ -20,18 +27,11 @@ from eyechart.calibrate.early_stops import (
     misses,
     stop_early,
 )
-from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
-from eyechart.calibrate.replication import answers_of
-from eyechart.calibrate.table import tables
-from eyechart.calibrate.tally import VARIANTS, read_calibration
-from eyechart.calibrate.world import World, make_world
-from eyechart.conditions import CONDITIONS
-from eyechart.seeds import key_seed
-from eyechart.spaces.discrete import DRIVING
-from eyechart.stats import evalues
-from eyechart.studies.battery.early_stop import StoppingState
-from eyechart.studies.battery.evidence import claims
-from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart_organisms.calibration.known_answers import KNOWN, KnownController, by_sight
+from eyechart_organisms.calibration.replication import answers_of
+from eyechart_organisms.calibration.table import tables
+from eyechart_organisms.calibration.tally import VARIANTS, read_calibration
+from eyechart_organisms.calibration.world import World, make_world
 
 pytestmark = pytest.mark.slow
 

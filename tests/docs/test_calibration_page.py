@@ -5,7 +5,7 @@ import re
 
 from test_site import program
 
-from eyechart.calibrate.tally import LIMITS, WEAK
+from eyechart_organisms.calibration.tally import LIMITS, WEAK
 from pages import ROOT
 
 PAGE = (ROOT / "docs" / "calibration.md").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ of an answer that is no motion of the bank, or of one check of the doctor.
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 
@@ -73,7 +73,7 @@ RAISED = {
     "two_arrays": f"ValueError: a dict is no array of numbers; its keys are 'actions', 'values': {PARTS}",
     "many_parts": "ValueError: a dict is no array of numbers; its keys are "
     + ", ".join(f"'action.joint_position_{number}'" for number in range(7))
-    + f", 'action.jo: {PARTS}",
+    + f", 'action.joi…: {PARTS}",
     "parts_and_info": f"ValueError: a list of 2 (dict, dict) {FIRST}",
     "answer_and_info": f"ValueError: a tuple of 2 (ndarray, dict) {FIRST}",
     "named_pair": f"ValueError: a _Pair of 2 (ndarray, dict) {FIRST}",
@@ -123,8 +123,8 @@ CHECKS: Mapping[str, tuple[str, str, str]] = {
         "motions",
         "amiss",
         (
-            "4 of 5 calls hold no motion: its shape is (5, 3), and that of the bank's motions (8, 3): return 8 steps, or "
-            "import the bank with --horizon 5. No more were made: the last 3 failed in the same way"
+            "5 of 13 calls hold no motion: its shape is (5, 3), and that of the bank's motions (8, 3): return 8 "
+            "steps, or import the bank with --horizon 5. No more were made: the last 3 failed in the same way"
         ),
     ),
     "normalised": (
@@ -146,8 +146,8 @@ CHECKS: Mapping[str, tuple[str, str, str]] = {
         "constant",
         "cannot say",
         (
-            "frames of different episodes get the same answer. It declares reset, and each call gives it one instant: if "
-            "it needs earlier ones, let it declare history"
+            "frames of different episodes get the same answer. It declares reset, and each call gives it one instant: "
+            "if it needs earlier ones, let it declare history"
         ),
     ),
     "blind_to_grey": ("grey", "cannot say", "no motion: error. A run judges it by its other answers"),
@@ -163,8 +163,8 @@ CHECKS: Mapping[str, tuple[str, str, str]] = {
         "batch",
         "amiss",
         (
-            "in a batch its answers differ from those alone by 1 of what two frames differ by: are they in the order of "
-            "the queries, and without regard to others?"
+            "in a batch its answers differ from those alone by 1 of what two frames differ by: are they in the order "
+            "of the queries, and without regard to others?"
         ),
     ),
 }
@@ -191,6 +191,7 @@ INPUTS = (
     "(its inputs are the pictures top: (32, 32, 3) uint8, wrist: (32, 32, 3) uint8; a state of 3 numbers (state); "
     "an instruction)"
 )
+FEW = ("--conditions", "real,real_repeat,swapped@cameras,blank")
 ENDED = "No more were made: the last 3 failed in the same way"
 
 
@@ -239,8 +240,8 @@ def test_all_shapes_are_handled_or_named_and_none_is_counted_twice() -> None:
 
 
 def _is_of(one: object) -> bool:
-    return one in (shapes.partly, shapes.arm, shapes.policy, shapes.bound) or (
-        isinstance(one, Callable) and one.__module__ == "shapes_of_callables"  # type: ignore[arg-type, attr-defined]
+    return any(one is known for known in (shapes.partly, shapes.policy)) or (
+        callable(one) and one.__module__ == "shapes_of_callables" and one is not shapes.forget
     )
 
 
@@ -283,14 +284,15 @@ def test_the_doctor_names_what_only_several_calls_show(bank: FrameBank, name: st
     """And nothing else but what follows from it."""
     code, found = doctor(bank, name)
     check, outcome, says = CHECKS[name]
+    also = ["unit"] if name == "queue_tiled" else []  # a first step eight times goes farther
     assert found[check] == (outcome, says)
-    assert [one for one, (result, _) in found.items() if result == "amiss" and one != check] == []
-    assert code == (1 if outcome == "amiss" else 0)
+    assert [one for one, (result, _) in found.items() if result == "amiss" and one != check] == also
+    assert code == (1 if outcome == "amiss" or also else 0)
 
 
 def test_a_run_computes_the_same_of_each_handled_shape(bank: FrameBank, tmp_path: Path) -> None:
     """Every statistic and every label, to the last digit."""
-    code, said = run(bank, tmp_path / "run", HANDLED, "--conditions", "real,real_repeat,swapped@cameras,blank")
+    code, said = run(bank, tmp_path / "run", HANDLED, *FEW)
     assert (code, "set aside" in said) == (0, False), said
     scored = json.loads(CliRunner().invoke(app, ["score", str(tmp_path / "run"), "--json"]).stdout)
     found = {name: json.dumps(scored["policies"][spec(name)], sort_keys=True) for name in HANDLED}
@@ -310,8 +312,8 @@ def test_a_run_sets_each_other_shape_aside_with_the_same_words(bank: FrameBank, 
 
 def test_a_run_gives_no_verdict_on_what_a_guard_finds(bank: FrameBank, tmp_path: Path) -> None:
     """What fails on grey alone, or only in batches, is judged as the plain array."""
-    code, _ = run(bank, tmp_path / "run", ["plain", *CHECKS])
-    assert code == 0
+    code, printed = run(bank, tmp_path / "run", ["plain", *CHECKS], *FEW)
+    assert code == 0, printed
     said = json.loads(CliRunner().invoke(app, ["verdict", str(tmp_path / "run"), "--json"]).stdout)["policies"]
     for name, guard in GUARDED.items():
         assert guard in said[spec(name)]["guards"], (name, said[spec(name)])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import edit as edits
-from eyechart.cli.options import Json, Seed, mode_of, read_modes, read_places
+from eyechart.cli.options import AskAgain, Json, Seed, mode_of, read_modes, read_places
 from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -48,6 +48,7 @@ def look(
     seed: Seed = 0,
     budget: Annotated[int | None, typer.Option(min=1, help="At most this many calls in total.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for all files; default: looks/NAME.")] = None,
+    again: AskAgain = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for consent to calls that may cost.")] = False,
     json: Json = False,
     accept: Annotated[str | None, typer.Option(help="part: exit 0 for 'In part' too.")] = None,
@@ -80,6 +81,7 @@ def look(
         seed=seed,
         budget=budget,
         file=mode,
+        again=again,
     )
     moves = None if objects is None else edits.moves_of(near, far, lane, eye)
     if moves is None and (near, far, lane, eye) != (None,) * 4:

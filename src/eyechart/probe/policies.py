@@ -329,13 +329,16 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         reached = list(_reached(compared, {name: asked.compared(one) for name, one in changed.items()}, more))
         constant = _varies(asked, order, further)
         varying = _with_history(constant, model)
-        if varying is not constant:  # a channel shows no more than another frame does
-            said = "it changes nothing, as no other frame does: see 'constant'"
-            reached = [replace(one, fine=None, says=said) if one.fine is False else one for one in reached]
+        unit = _unit(asked, further)
+        if varying is not constant:
+            said = "all frames get one answer: see 'constant'"
+            *reached, unit = (
+                replace(one, fine=None, says=said) if one.fine is False else one for one in (*reached, unit)
+            )
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
         findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
-        findings += [varying, _unit(asked, further), _form(forms)]
+        findings += [varying, unit, _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
 

@@ -101,7 +101,8 @@ def _alone(given: object) -> object:
         if given and not arrays and all(isinstance(one, str) for one in given.values()):
             raise ValueError(_NAMED.format(f"a {type(given).__name__} of texts"))
         if len(arrays) != 1 or arrays[0] not in {"actions", "action"} or isinstance(given[arrays[0]], Mapping):
-            keys = printable(", ".join(map(repr, given))[:_KEYS]) or "none"
+            keys = printable(", ".join(map(repr, given))) or "none"
+            keys = keys if len(keys) <= _KEYS else f"{keys[:_KEYS]}…"
             own = f"a {type(given).__name__} is no array of numbers; its keys are {keys}"
             raise ValueError(f"{own}: {_ARRAY}, alone or as 'actions'; join its parts by np.concatenate(…, -1)")
         given = given[arrays[0]]

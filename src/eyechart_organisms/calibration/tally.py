@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from eyechart.calibrate import early_stops as stopping
-from eyechart.calibrate.early_stops import EarlyStopOutcome, Sums
-from eyechart.calibrate.known_answers import KNOWN, NULLS, adversaries, is_false
-from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.records import to_json_fields
 from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.statistic import Statistic
+from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart_organisms.calibration import early_stops as stopping
+from eyechart_organisms.calibration.early_stops import EarlyStopOutcome, Sums
+from eyechart_organisms.calibration.known_answers import KNOWN, NULLS, is_false
+from eyechart_organisms.calibration.world import POWER, SETTINGS
 
 FORMAT = "eyechart-calibration/1"
 VARIANTS = ("with counterfactuals", "without counterfactuals")
@@ -227,17 +228,17 @@ class Calibration:
         """Return the rate of a false claim for each adversary that it could wrong."""
         result = {}
         for name, counts in self.adversaries.items():
-            false = {called: claim in adversaries()[name].is_false(*called.split("/")) for called in counts}
-            if adversaries()[name].may_be_wronged(claim):
+            false = {called: claim in ADVERSARIES[name].is_false(*called.split("/")) for called in counts}
+            if ADVERSARIES[name].may_be_wronged(claim):
                 result[name] = rate(sum(counts[called] for called in counts if false[called]), sum(counts.values()))
         return result
 
     def missed_readers(self) -> dict[str, Statistic]:
         """Return how often each adversary that reads the lead's distance got such a label."""
         return {
-            name: self._called(name, ("partial_depth",) if adversaries()[name].near else ())
+            name: self._called(name, ("partial_depth",) if ADVERSARIES[name].near else ())
             for name in self.adversaries
-            if adversaries()[name].follows
+            if ADVERSARIES[name].follows
         }
 
     def limits(self) -> list[NamedLimit]:
@@ -341,7 +342,7 @@ class Calibration:
             },
             **to_json_fields(self, "tests early ever"),
             "adversaries": {
-                name: {"says": adversaries()[name].says, "deserves": adversaries()[name].deserves, "called": counts}
+                name: {"says": ADVERSARIES[name].says, "deserves": ADVERSARIES[name].deserves, "called": counts}
                 for name, counts in self.adversaries.items()
             },
             "limits": [{**to_json_fields(one, "name bound why holds"), **_plain(one.share)} for one in self.limits()],

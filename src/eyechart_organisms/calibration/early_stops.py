@@ -8,7 +8,6 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from eyechart.calibrate.known_answers import is_false
 from eyechart.conditions import BATTERY, CONTROLS, COUNTERFACTUALS, SAMPLED, sample
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
@@ -18,6 +17,7 @@ from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.early_stop import StoppingState, WholeRun, layout_of
 from eyechart.studies.battery.evidence import ALONE, FrameAnswers, claims
 from eyechart.verdicts import FLOOR, MARGIN, NET_ALPHA, UNPARSED_CUT
+from eyechart_organisms.calibration.known_answers import is_false
 
 DRAWS = 10
 """Draws of each null in one replication of the setting ``default``."""
