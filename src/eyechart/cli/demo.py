@@ -147,8 +147,11 @@ def calibrate(
             raise SpecError("--keep is for the banks of controllers; --policies always starts anew: leave out --keep")
         _calibrate_policies(replications, seed, processes, setting, engine=engine, json=json)
         return
-    from eyechart.calibrate import calibrate as run
-    from eyechart.calibrate.table import tables
+    from eyechart.models import organisms_folder
+
+    organisms_folder("'eyechart calibrate'")
+    from eyechart_organisms.calibration import calibrate as run
+    from eyechart_organisms.calibration.table import tables
 
     with progress("banks", "banks") as move:
         found = run(

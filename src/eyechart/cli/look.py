@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import Json, Seed, read_places
+from eyechart.cli.options import AskAgain, Json, Seed, read_places
 from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -47,6 +47,7 @@ def look(
     seed: Seed = 0,
     budget: Annotated[int | None, typer.Option(min=1, help="At most this many calls in total.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for all files; default: looks/NAME.")] = None,
+    again: AskAgain = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for consent to calls that may cost.")] = False,
     json: Json = False,
     accept: Annotated[str | None, typer.Option(help="part: exit 0 for 'In part' too.")] = None,
@@ -79,6 +80,7 @@ def look(
         seed=seed,
         budget=budget,
         file=mode,
+        again=again,
     )
     if objects is None and (near, far, lane, eye) != (None,) * 4:
         raise SpecError("--near, --far, --lane and --eye are for photographs that are edited: give --objects too")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from eyechart.errors import SpecError, did_you_mean
 from eyechart.frames import open_bank
-from eyechart.importing.costs import taken
+from eyechart.importing.costs import costs, taken
 from eyechart.looks.answer import EXIT_CODES, Look, NextStep, PictureResult
 from eyechart.looks.models import ModelLook
 from eyechart.looks.pictures import BANK, Pictures
@@ -95,7 +95,8 @@ def look(wanted: LookRequest, watch: Watch) -> Look:
     with watch.bar("frames", "frames") as move:
         bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None, history)
     if brought:
-        watch.say(*taken(open_bank(bank)))
+        made = open_bank(bank)
+        watch.say(*taken(made), *costs(made))
     kind = PolicyLook if acts else ModelLook
     result = kind(wanted, bank, watch).look()
     wanted.out.mkdir(parents=True, exist_ok=True)
