@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps, read_steps
+from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps
 from eyechart.cli.terminal import as_read, print_each, print_json, print_line, print_read, say
 from eyechart.errors import SpecError
 from eyechart.kept import kept
@@ -175,9 +175,7 @@ def gate(
     if json:
         print_json(found["said"])
     else:
-        short = shortener(found["models"])
-        for line in found["lines"] or ["cannot say: the run holds no model"]:
-            print_line(short(line))
+        print_line(*map(shortener(found["models"]), found["lines"] or ["cannot say: the run holds no model"]))
     if junit is not None:
         from eyechart.destination import whole
 
@@ -212,7 +210,7 @@ def compare(
 
     from eyechart.compare import compare as compared
     from eyechart.compare import frames_in_common
-    from eyechart.studies import ReadOptions, study_of
+    from eyechart.studies import ReadOptions, read_steps, study_of
 
     runs = [run for run in (first, second) if run is not None]
     study, *others = (study_of(run, "compare") for run in runs)

@@ -66,6 +66,19 @@ NO_DRIVES = dict.fromkeys(
 )
 
 
+def read_steps(given: Sequence[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
+    """Return the step of each SPEC; raises SpecError for another form or kind of run."""
+    steps = {}
+    for one in given or []:
+        spec, sign, step = one.rpartition("=")
+        if not (sign and spec and step.isdecimal()):
+            raise SpecError(f"--step is SPEC=N with a whole number, as python:my:act=20000, not '{one}'")
+        steps[spec] = int(step)
+    if steps and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
+        raise SpecError(f"--step is for checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
+    return steps
+
+
 @dataclass(frozen=True)
 class ReadOptions:
     """How runs are read: what is declared of frames and replies, and the policy to compare with.
@@ -448,3 +461,11 @@ def run_json(folder: Path) -> Mapping[str, object]:
 def is_episodes(path: Path) -> bool:
     """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
     return run_json(path).get("format") == EpisodesManifest.FORMAT
+
+
+def require_single(runs: Sequence[Path]) -> None:
+    """Raise SpecError that names the runs if one of these folders is a study of several."""
+    for run in runs:
+        if "" not in (parts := study_of(run).runs(run)):
+            named = ", ".join(map(str, parts.values()))
+            raise SpecError(f"{run} is a study of several runs: name one of them: {named}")
