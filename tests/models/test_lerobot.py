@@ -341,7 +341,7 @@ def test_what_cannot_be_called_is_refused_before_a_process_loads_it(fault: str, 
 
 def test_an_option_of_served_models_is_refused_with_what_names_its_python() -> None:
     """Of which somebody may think who looks for its Python."""
-    with pytest.raises(SpecError, match="options would not change 'lerobot:x'.*; EYECHART_LEROBOT_PYTHON names its"):
+    with pytest.raises(SpecError, match=r"options would not change 'lerobot:x'.*; EYECHART_LEROBOT_PYTHON names its"):
         open_policy(RequestMode("lerobot:x", options={"python": "python3.12"}))
 
 
