@@ -27,9 +27,8 @@ STOP_M, FREE_M = HIGHWAY.stop_m, HIGHWAY.free_m
 class Adversary:
     """A rule, what it does in words, and what it deserves.
 
-    ``follows`` says whether its braking follows the distance of the lead, None where nothing is asked of the verdict:
-    it does so weakly, is the wrong way round only where few frames are, or reads it wrongly now and then behind so much
-    noise that it cannot be told. ``looks`` says
+    ``follows`` says whether its braking follows the distance of the lead. It is None where any verdict may be given:
+    the braking follows weakly, is the wrong way round on few frames only, or hides its errors in noise. ``looks`` says
     whether an answer depends on what a picture shows, None where that is on fewer frames than the margin of an absence.
     ``turns`` says whether it turns to the clear side. ``near`` says that it brakes by distance near alone, so that
     ``partial_depth`` is as right as ``depth``.

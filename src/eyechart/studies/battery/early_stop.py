@@ -476,12 +476,15 @@ def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], D
         for frame, names in layout.asked.items()
         for name in (*names, *layout.controls.get(frame, ()))
     }
-    return found | (dict.fromkeys(_nearer(layout.frames) & found.keys(), other) if label == "depth" else {})
+    return found | (dict.fromkeys(_nearer(layout) & found.keys(), other) if label == "depth" else {})
 
 
-def _nearer(frames: Sequence[Frame]) -> set[tuple[str, str]]:
+def _nearer(layout: QuestionOrder) -> set[tuple[str, str]]:
     """Return the pictures, by frame and condition, whose lead is nearer than the farthest."""
     columns = {name: AT[picture][0] for picture in ("drawn", "own") for name in TWICE[picture]}
-    told = {(frame.id, name): frame.truth.get(column) for frame in frames for name, column in columns.items()}
+    told = {(frame.id, name): frame.truth.get(column) for frame in layout.frames for name, column in columns.items()}
     known = {key: float(one) for key, one in told.items() if isinstance(one, int | float)}
-    return {key for key, one in known.items() if one < 0.7 * max(known.values())}
+    cut, gap = 0.7 * max(known.values(), default=0.0), layout.whole.gap
+    if known and gap:
+        known |= {(frame.id, name): gap.of(frame) for frame in layout.frames for name in TWICE["real"]}
+    return {key for key, one in known.items() if one < cut}
