@@ -179,14 +179,15 @@ class SourceDescription:
         axis = _axis(self.mirror, wrong)
         if self.rig is not None and self.mirror != "none":
             wrong.add("--rig gives the mirror axis of each camera: leave out --mirror")
-        made: Provenance = ""
-        with wrong.noted():
-            made = read_made(self.made)
         with wrong.noted():
             space = DRIVING if self.actions is None else read_space(self.actions)
         with wrong.noted():
             near = None if self.threshold is None else 0.0
             near = None if self.threshold is None else finite_number("--threshold", self.threshold)
+        made: Provenance = ""
+        numerals = _numerals(self.numbers, self.no_lead, wrong)
+        with wrong.noted():
+            made = read_made(self.made)
         return Choices(
             columns=read_places(self.map_ or []),
             mirror=axis,
@@ -202,7 +203,7 @@ class SourceDescription:
             history=self.history,
             convert=_convert(self.background, self.longest, asked=self.convert),
             keep_repeats=self.keep_repeats,
-            numerals=_numerals(self.numbers, self.no_lead, wrong),
+            numerals=numerals,
             strip=self.strip,
             made=made,
             wrong=wrong.lines,
