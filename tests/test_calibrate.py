@@ -265,6 +265,51 @@ def test_a_single_controller_surely_above_a_target_is_a_miss() -> None:
     assert chance.holds
 
 
+def tried(**called: Mapping[str, int]) -> Calibration:
+    """Return a calibration in which adversaries were called so and so often."""
+    return replace(tally([], settings=(), replications=1, seed=0, resamples=9), adversaries=called)
+
+
+@pytest.mark.parametrize(
+    ("name", "depth", "n", "holds"),
+    [
+        ("between_reversed_20", 32, 200, True),
+        ("between_reversed_20", 33, 200, False),
+        ("between_reversed_20", 5, 20, True),
+        ("between_reversed_20", 10, 20, False),
+        ("patched_25", 186, 200, True),
+        ("patched_25", 187, 200, False),
+        ("half_blind", 138, 200, True),
+        ("half_blind", 137, 200, False),
+        ("half_blind", 10, 20, True),
+        ("half_blind", 5, 20, False),
+    ],
+)
+def test_what_is_named_has_a_bound_of_its_own(name: str, depth: int, n: int, holds: bool) -> None:  # noqa: FBT001
+    """Beyond it there is a miss, by the share from 200 cases on, else by its interval; the tables name it always."""
+    found = tried(**{name: {"depth/no_power": depth, "content/no_power": n - depth}})
+    (limit,) = found.limits()
+    assert limit.holds is holds
+    assert (str(limit) in found.misses()) is not holds
+    assert f"named: {name} gets depth {depth} of {n} times [" in tables(found)
+    assert [one["holds"] for one in found.as_dict()["limits"]] == [holds]  # type: ignore[attr-defined]
+    assert not [one for one in found.misses() if one != str(limit) and not one.startswith("false depth of")]
+
+
+def test_what_is_named_and_untrue_counts_in_the_share_over_all() -> None:
+    """One in ten of it alone is too much over all."""
+    found = tried(between_reversed_20={"depth/no_power": 20, "content/no_power": 180})
+    assert found.misses() == ["false depth of adversaries: 20 of 200, wanted 0.01"]
+    assert tried(patched_25={"depth/no_power": 20, "content/no_power": 180}).misses() == []
+
+
+@pytest.mark.parametrize(("label", "missed"), [("depth", False), ("partial_depth", False), ("content", True)])
+def test_one_that_brakes_near_alone_may_be_told_of_the_rest(label: str, missed: bool) -> None:  # noqa: FBT001
+    """Who brakes by distance all over the range may not."""
+    assert bool(tried(emergency={f"{label}/no_power": 200}).misses()) is missed
+    assert bool(tried(logistic={f"{label}/no_power": 200}).misses()) is (label != "depth")
+
+
 @pytest.mark.parametrize("name", SETTINGS)
 def test_a_setting_is_what_it_says(name: str) -> None:
     """Every setting draws the bank of its description: episodes, frames, scenarios, conditions."""

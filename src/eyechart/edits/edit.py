@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -52,6 +53,8 @@ METHOD = "edit/1"
 
 TABLE, RECORD, TAKEN = "table.csv", "edit.json", "taken"
 _DISTANCES = ("lead_near_m", "lead_far_m", "lead_drawn_m", "exchange_m")
+_SHOWN = 12
+"""Reasons are printed up to this number; edit.json has every one."""
 _NUMBERS = re.compile(r"\d+(\.\d+)?")
 Copy = dict[str, float]
 Progress = Callable[[int, int], None]
@@ -108,6 +111,17 @@ class EditResult:
             for name, copies in pictures.items():
                 found.setdefault(name, []).extend(one["scale"] for one in copies)
         return {name: [min(many), max(many)] for name, many in found.items()}
+
+    def lines(self, out: Path) -> list[str]:
+        """Return what was made into ``out`` and what was refused, a line each."""
+        lines = [f"{counted(count, 'photograph')} with {name}" for name, count in self.pictures.items()]
+        reasons = self.by_reason()
+        refused = [
+            f"not made, {counted(count, 'picture')} or all of a photograph: {why}"
+            for why, count in [*reasons.items()][:_SHOWN]
+        ]
+        more = [f"and {len(reasons) - _SHOWN} more reasons, in {out / RECORD}"] if len(reasons) > _SHOWN else []
+        return [*lines, *refused, *more, *self.notes, f"look at {out / 'sheet.png'} before you go on"]
 
     def by_reason(self) -> dict[str, int]:
         """Return how many pictures were refused, by one of the reasons that differ in numbers only."""
@@ -429,3 +443,10 @@ def _annotated(pixels: RGB, scene: EditScene | None) -> RGB:
     if 0 <= row < len(shown):
         shown[row] = _YELLOW
     return shown
+
+
+def import_command(out: Path, moves: Moves) -> str:
+    """Return the command that makes a bank of an edited folder."""
+    table, threshold = str(out / TABLE), f"{moves.between:g}"
+    words = ["eyechart", "frames", "import", str(out), "--table", table, "--threshold", threshold]
+    return shlex.join([*words, "--unit", "m", "--mirror", "horizontal", "--out", "bank"])

@@ -185,5 +185,5 @@ def _targets(calibration: Calibration) -> str:
         least = ", ".join(f"{share} for {name}" for name, share in SAVERS.items())
         says += f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls"
         says += f" saved with counterfactuals at least {least}, no null rejected above {early_stops.EVER}."
-    misses = calibration.misses()
-    return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])
+    misses, named = calibration.misses(), [f"named: {one}" for one in calibration.limits()]
+    return "\n".join([says, *named, *([f"missed: {one}" for one in misses] or ["All targets hold."])])
