@@ -10,8 +10,6 @@ from pathlib import Path
 from eyechart.errors import plain_file
 from eyechart.scratch import scratch
 
-_MAPPED = 2**40
-"""The most bytes of a copy to map, rather than to read piece by piece."""
 _COPIES = 20
 """Copies to try of a ledger under writing; after that it is read in place."""
 
@@ -34,9 +32,7 @@ def open_copy(path: Path, opened: ExitStack) -> tuple[sqlite3.Connection, str | 
             now = path.stat()
             if _head(log) == head and (head or (file.st_mtime_ns, file.st_size) == (now.st_mtime_ns, now.st_size)):
                 digest = _digest(copy) if head is None else f"{_digest(copy)} {_digest(its_log)}"
-                sql = connect(copy, "immutable=1" if head is None else "mode=ro")
-                sql.execute(f"PRAGMA mmap_size = {_MAPPED}")  # of a copy of our own, which nobody shortens
-                return sql, digest
+                return connect(copy, "immutable=1" if head is None else "mode=ro"), digest
     return connect(path, "mode=ro"), None
 
 
