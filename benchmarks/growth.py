@@ -95,12 +95,11 @@ def start_of(command: str) -> float:
 def filled(folder: Path, frames: int, models: int) -> Path:
     """Return a run of so many frames and models in a folder; one that is whole there is not filled again."""
     out = folder / f"{frames}-{models}"
-    if not out.is_dir():
-        partial = out.with_suffix(".part")
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        make_run(partial, models=models, episodes=frames // STEPS, steps=STEPS)
-        partial.replace(out)
+    if not (out / "whole").is_file():
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir(parents=True)
+        make_run(out, models=models, episodes=frames // STEPS, steps=STEPS)
+        (out / "whole").touch()
     return out / "run"
 
 
