@@ -181,7 +181,7 @@ long-compare: $(CORE) $(OLD_PYTHON)
 	$(BIN)/python benchmarks/compare_versions.py --old $(OLD_PYTHON)
 
 long-reading: $(CORE)
-	$(BIN)/python benchmarks/bench_reading.py --json benchmarks/results/reading.json
+	$(BIN)/python benchmarks/bench_reading.py
 
 long-ray: $(MODELS)
 	$(BIN)/python benchmarks/ray_workers.py
