@@ -72,6 +72,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.importing.videos", "_decoded"): "import of LeRobot",
     ("eyechart.importing.tables", "_csv"): "fit",
     ("eyechart.importing.tables", "text_lines"): "fit",
+    ("eyechart.kept", "<module>"): "gate",
     ("eyechart.kept", "_bank_of"): "gate",
     ("eyechart.kept", "_hashed"): "gate",
     ("eyechart.kept", "_keep"): "gate",

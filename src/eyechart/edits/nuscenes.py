@@ -23,7 +23,7 @@ _OCCLUDED = {"4": 0.0, "3": 1.0}
 
 _Floats = NDArray[np.float64]
 _Three = tuple[BoundedNumber, BoundedNumber, BoundedNumber]
-_Extent = Annotated[float, msgspec.Meta(gt=0, le=1e9)]
+_SideLength = Annotated[float, msgspec.Meta(gt=0, le=1e9)]
 _Four = tuple[BoundedNumber, BoundedNumber, BoundedNumber, BoundedNumber]
 T = TypeVar("T")
 
@@ -74,7 +74,7 @@ class _SpaceBox(_Row):
     sample_token: str
     translation: _Three
     rotation: _Four
-    size: tuple[_Extent, _Extent, _Extent]
+    size: tuple[_SideLength, _SideLength, _SideLength]
     visibility_token: str = ""
 
 
