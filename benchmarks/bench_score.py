@@ -7,15 +7,20 @@ import argparse
 import json
 import random
 import resource
+import sqlite3
 import tempfile
 import time
-from itertools import islice
+from collections.abc import Iterator
+from contextlib import closing
+from itertools import chain, count, islice
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply
 from eyechart.conditions import BATTERY
 from eyechart.frames import LEAD_GAP, MAIN, BankManifest, BankWriter, Frame, alone, encode, open_bank
 from eyechart.ledger import Ledger
+from eyechart.ledger.counter import WrittenCounts, counting
+from eyechart.ledger.rows import KEY, REPLY, checksum, now, row_of
 from eyechart.manifest import LEDGER, RunManifest, today, versions, write_run
 from eyechart.prompts import find_prompt
 from eyechart.run import Plan
@@ -26,6 +31,14 @@ from pairs import keep
 
 AT_ONCE = 5_000
 """Calls written in one transaction."""
+SEEING = frozenset({"real", "real_repeat", "mirrored", "recoloured"})
+"""The conditions under which the answers follow the lead's distance."""
+_COLUMNS = {
+    f"calls (id, {KEY})": 1 + len(CallKey._fields),
+    "attempts (id, call, number, reason, request_sha256, sent_at)": 6,
+    f"replies (attempt, call, final, closed_at, {', '.join(REPLY)}, row_sha256)": 5 + len(REPLY),
+}
+INTO = tuple(f"INSERT INTO {name} VALUES ({', '.join('?' * many)})" for name, many in _COLUMNS.items())  # noqa: S608 - of this text
 
 
 def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
@@ -33,14 +46,14 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
     import numpy as np  # noqa: PLC0415 - after the clock of a caller that measures imports
 
     rng = random.Random(0)  # noqa: S311
-    picture = encode(np.zeros((2, 2, 3), dtype=np.uint8))
+    pixels = np.zeros((2, 2, 3), dtype=np.uint8)
+    pixels[0, 0] = 255  # as one of a camera, it differs from its mirror image
+    picture = encode(pixels)
     manifest = BankManifest("synthetic", "bench", "no pictures at all", DRIVING, LEAD_GAP)
-    gaps = {}
     with BankWriter(out / "source", manifest) as writer:
         for episode in range(episodes):
             for step in range(steps):
                 frame_id = f"e{episode}-{step}"
-                gaps[frame_id] = rng.uniform(5, 70)
                 frame = Frame(
                     id=frame_id,
                     scenario=f"s{episode % 4}",
@@ -48,19 +61,22 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
                     step=step,
                     cameras=alone("vertical"),
                     pictures={MAIN: f"images/{frame_id}.png"},
-                    truth={"lead_gap_m": gaps[frame_id]},
+                    truth={"lead_gap_m": rng.uniform(5, 70)},
                 )
                 writer.add(frame, {MAIN: picture}, {})
+    return answer_all(out, models=models, rng=rng)
+
+
+def answer_all(out: Path, *, models: int, rng: random.Random, conditions: tuple[str, ...] = BATTERY) -> int:
+    """Write a finished run of a folder's bank; return the number of calls."""
     bank = open_bank(out / "source")
-    specs = [f"bench:{number}" for number in range(models)]
-    prompt = find_prompt("baseline")
     run = RunManifest(
         study="battery",
         created=today(),
         seed=0,
-        prompt=prompt,
-        models=dict.fromkeys(specs, "0"),
-        conditions=BATTERY,
+        prompt=find_prompt("baseline"),
+        models={f"bench:{number}": "0" for number in range(models)},
+        conditions=conditions,
         limit=None,
         shard=None,
         bank_path=str(bank.root),
@@ -69,33 +85,40 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
     )
     (out / "run").mkdir()
     write_run(out / "run", run, bank)
-    return fill(out / "run" / LEDGER, plan_of(run, bank), gaps, rng)
+    return fill(out / "run" / LEDGER, plan_of(run, bank), rng)
 
 
-def fill(path: Path, plan: Plan, gaps: dict[str, float], rng: random.Random) -> int:
+def fill(path: Path, plan: Plan, rng: random.Random) -> int:
     """Write every call, its attempt and its reply as a run does, many in one transaction; return how many."""
+    shown, numbers = plan.stimuli(), count(1)
 
-    def answer(gap: float) -> str:
-        return rng.choice(DRIVING.actions) if rng.random() < 0.2 else "SLOW" if gap < 30 else "STRAIGHT"
+    def rows_of(frame: Frame) -> Iterator[tuple[tuple[object, ...], ...]]:
+        """Yield the rows of each call about a frame: of the call, the attempt and the reply."""
+        near = float(frame.truth["lead_gap_m"] or 0) < 30
+        for condition in plan.conditions:
+            own = CallKey("battery", plan.models[0], plan.prompt.key, frame.id, condition)
+            asked = plan.query(own, shown.show(condition, frame.id)).sha256()  # that of every model
+            seen = condition in SEEING
+            for spec in plan.models:
+                key, at = own._replace(model=spec), next(numbers)
+                answer = "SLOW" if near or not seen else "STRAIGHT"
+                text = rng.choice(DRIVING.actions) if seen and rng.random() < 0.2 else answer
+                sent = now()
+                reply = row_of(Reply(text, "stop", prompt_tokens=90, completion_tokens=2, seconds=0.1), final=True)
+                digest = checksum((*key, None, asked, sent, *reply))
+                yield (at, *key), (at, at, 1, None, asked, sent), (at, at, *reply, digest)
 
-    shown = plan.stimuli()
-    keys = (
-        CallKey("battery", spec, plan.prompt.key, frame, condition)
-        for frame in gaps
-        for condition in BATTERY
-        for spec in plan.models
-    )
-    written = 0
-    with Ledger(path, create=True) as ledger:
-        while several := [*islice(keys, AT_ONCE)]:
-            with ledger.together():
-                for key in several:
-                    seen = key.condition in {"real", "real_repeat", "mirrored"}
-                    text = answer(gaps[key.frame]) if seen else "SLOW"
-                    reply = Reply(text, "stop", prompt_tokens=90, completion_tokens=2, seconds=0.1)
-                    query = plan.query(key, shown.show(key.condition, key.frame))
-                    ledger.close(ledger.begin(key, query.sha256()), reply)
+    rows, written = chain.from_iterable(map(rows_of, plan.frames)), 0
+    Ledger(path, create=True).__exit__(None, None, None)
+    with closing(sqlite3.connect(path, isolation_level=None)) as sql:
+        while several := [*islice(rows, AT_ONCE)]:
+            sql.execute("BEGIN")
+            for into, many in zip(INTO, zip(*several, strict=True), strict=True):
+                sql.executemany(into, many)
+            sql.execute("COMMIT")
             written += len(several)
+    with counting(path, WrittenCounts(written, written)) as counter:
+        counter.write(WrittenCounts(written, written))
     return written
 
 

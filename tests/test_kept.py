@@ -247,7 +247,7 @@ def test_a_key_that_others_may_read_or_write_is_replaced(run: Path, say: Say, tm
     key = tmp_path / "home" / ".cache" / "eyechart" / "readings.key"
     before, (reading,) = key.read_bytes(), readings(run)
     forged = b'{"width": null, "names": [], "parts": ["it looks"]}'
-    reading.write_bytes(kept._sealed(reading.name, forged, before) + b"\n" + forged)
+    reading.write_bytes(kept._sealed(reading.name, [memoryview(forged)], before) + b"\n" + forged)
     key.chmod(rights)
     kept._key.cache_clear()
     assert say("verdict", run) == first
@@ -430,9 +430,10 @@ def test_columns_are_read_back_as_they_were() -> None:
         for at, reply in enumerate(replies)
     ]
     made = columns_of(sent, read_in(DRIVING))
-    body = COLUMNS.write(made)
-    assert body is not None
-    back = COLUMNS.read(body)
+    parts = COLUMNS.write(made)
+    assert parts is not None
+    body = b"".join(parts)
+    back = COLUMNS.read(memoryview(body))
     for name, one in vars(back).items():
         other = getattr(made, name)
         if isinstance(one, np.ndarray):
@@ -445,4 +446,6 @@ def test_columns_are_read_back_as_they_were() -> None:
             assert one == other
     np.testing.assert_array_equal(back.repeats.text, made.repeats.text)
     with pytest.raises(ValueError, match="no column of numbers"):
-        COLUMNS.read(body.replace(b'"|b1"', b'"|O1"', 1).replace(b"|O1", b"|O8", 1))
+        COLUMNS.read(memoryview(body.replace(b'"|b1"', b'"|O1"', 1).replace(b"|O1", b"|O8", 1)))
+    with pytest.raises(ValueError, match="no line"):
+        COLUMNS.read(memoryview(body.replace(b"\n", b" ")))

@@ -137,9 +137,11 @@ class _ConditionSums:
 
     def _pend(self, attempts: Attempts, rows: Ints, finishing: Mask) -> None:
         """Count calls whose last reply left them unfinished, unless an error finished them before."""
-        call = attempts.call[rows]
-        last, ended = np.full(int(call.max(initial=-1)) + 1, -1), np.full(int(call.max(initial=-1)) + 1, -1)
         left = np.flatnonzero(attempts.came[rows] & ~finishing)
+        if not len(left):
+            return
+        calls, call = np.unique(attempts.call[rows], return_inverse=True)
+        last, ended = np.full(len(calls), -1), np.full(len(calls), -1)
         last[call[left]] = left
         ended[call[finishing]] = np.flatnonzero(finishing)
         open_calls = np.flatnonzero(last > ended)

@@ -33,6 +33,8 @@ _RUN = "run.json"
 _MOST_KEPT = 64
 _MOST_FILES = 3_000_000
 _KEY_BYTES = 32
+_SEAL = 64
+"""The hexadecimal digits of a seal, which a line feed follows."""
 _OF_OTHERS = 0o077
 """The rights of everybody but the owner."""
 _YOUNG_NS = 2_000_000_000
@@ -83,12 +85,14 @@ class KeptForm(Generic[T]):
     """How a reading is written to a file and read back; None for one that cannot be written."""
 
     suffix: str
-    write: Callable[[T], bytes | None]
-    read: Callable[[bytes], T]
+    write: Callable[[T], Sequence[memoryview] | None]
+    read: Callable[[memoryview], T]
     most_bytes: int
 
 
-JSON: KeptForm[Any] = KeptForm("json", lambda values: json.dumps(values).encode(), json.loads, 64_000_000)
+JSON: KeptForm[Any] = KeptForm(
+    "json", lambda values: [memoryview(json.dumps(values).encode())], lambda body: json.loads(bytes(body)), 64_000_000
+)
 """Plain values; a first reading is what would be read back."""
 
 
@@ -120,15 +124,16 @@ def kept(
     with _warned() as said:
         made, body = _as_kept(make(), form)
     with suppress(_UnnamedError, OSError):
-        if body is not None and len(body) < form.most_bytes and not said and before.holds(folder, asked):
+        small = body is not None and sum(part.nbytes for part in body) < form.most_bytes
+        if body is not None and small and not said and before.holds(folder, asked):
             _keep(file, body, key)
     return made
 
 
-def _as_kept(made: T, form: KeptForm[T]) -> tuple[T, bytes | None]:
+def _as_kept(made: T, form: KeptForm[T]) -> tuple[T, Sequence[memoryview] | None]:
     """Return a reading as it is read back, with its bytes: a first answer equals a second one."""
     body = form.write(made)
-    return (made if body is None or form is not JSON else form.read(body)), body
+    return (made if body is None or form is not JSON else form.read(body[0])), body
 
 
 @contextmanager
@@ -162,13 +167,14 @@ def _opened(file: Path, form: KeptForm[T], key: bytes) -> tuple[T] | None:
     with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
         if not stat.S_ISREG(file.lstat().st_mode) or file.lstat().st_size > form.most_bytes:
             return None
-        seal, _, body = file.read_bytes().partition(b"\n")
-        if hmac.compare_digest(seal, _sealed(file.name, body, key)):
+        content = memoryview(file.read_bytes())
+        seal, body = bytes(content[:_SEAL]), content[_SEAL + 1 :]
+        if hmac.compare_digest(seal, _sealed(file.name, [body], key)):
             return (form.read(body),)
     return None
 
 
-def _keep(file: Path, body: bytes, key: bytes) -> None:
+def _keep(file: Path, body: Sequence[memoryview], key: bytes) -> None:
     """Write a reading whole or not at all; remove the oldest beyond a number of them."""
     file.parent.mkdir(exist_ok=True)
     for left in file.parent.glob(".*.new"):
@@ -178,7 +184,7 @@ def _keep(file: Path, body: bytes, key: bytes) -> None:
     try:
         with partial.open("xb") as out:
             out.write(_sealed(file.name, body, key) + b"\n")
-            out.write(body)
+            out.writelines(body)
         partial.replace(file)
     finally:
         partial.unlink(missing_ok=True)
@@ -187,9 +193,10 @@ def _keep(file: Path, body: bytes, key: bytes) -> None:
         old.unlink(missing_ok=True)
 
 
-def _sealed(name: str, body: bytes, key: bytes) -> bytes:
+def _sealed(name: str, body: Sequence[memoryview], key: bytes) -> bytes:
     seal = hmac.new(key, name.encode() + b"\n", "sha256")
-    seal.update(body)
+    for part in body:
+        seal.update(part)
     return seal.hexdigest().encode()
 
 

@@ -77,7 +77,8 @@ def _command() -> None:
         _open_what_is_closed()
         _print_what_can_be()
         _say_what_is_missing()
-        gc.set_threshold(_READ if _READING & set(sys.argv[1:2]) else _MADE)
+        reads = bool(_READING & set(sys.argv[1:2]))
+        gc.set_threshold(_READ if reads else _MADE)
         _keep_to_one_thread()
         from eyechart.cli.app import named
 
@@ -85,6 +86,8 @@ def _command() -> None:
             named(sys.argv[1:])(prog_name="eyechart")
         finally:
             sys.stdout.flush()
+            if reads:
+                gc.freeze()  # Python's end would look through all objects, for longer than a ledger is read
     except KeyboardInterrupt:
         _end(*how_it_ends())
     except BrokenPipeError:

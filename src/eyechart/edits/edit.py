@@ -154,7 +154,7 @@ def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Prog
 
     The folder has the photographs as taken, a folder for each control picture, ``table.csv`` as
     the import reads it, ``sheet.png`` and ``edit.json``. ``progress`` gets the number of
-    photographs done. Raises SourceError with all faults if a photograph or a mask cannot be read,
+    photographs done. Raises SourceError with all faults if a photograph cannot be read,
     and if no control picture could be made; nothing is written then.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -230,6 +230,12 @@ def _parameters(source: EditSource, moves: Moves) -> dict[str, object]:
 
 
 Row = dict[str, object]
+
+_LEADLESS = (
+    "no photograph has an object with the role lead",
+    "nothing stands on the own way by --lane, --eye, the horizon, and boxes in pixels; or annotate a lead",
+)
+"""What is wrong where nothing leads: with roles that are given, and with leads that are found."""
 
 
 @dataclass
@@ -342,8 +348,10 @@ class _EditFolder:
         record = self.record
         if not record.pictures:
             few = [f"{why} ({counted(count, 'time')})" for why, count in [*record.by_reason().items()][:8]]
-            said = "; ".join(few) or "no photograph has an object with the role lead"
+            said = "; ".join(few) or _LEADLESS[self.source.finds_leads]
             raise SourceError(f"no control picture could be made, and nothing was written: {said}")
+        if left_out := self.source.annotations.left_out:
+            record.notes.append(f"{counted(left_out, 'picture', 'are')} in no annotation, and left out")
         if record.masks[BOX]:
             record.notes.append(f"{counted(record.masks[BOX], 'object', 'are')} {PRICE}")
         record.notes += [

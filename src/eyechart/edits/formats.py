@@ -18,7 +18,7 @@ from eyechart.edits.annotations import (
 )
 from eyechart.edits.geometry import Lines
 from eyechart.edits.lines import Sight
-from eyechart.edits.text_labels import read_kitti, read_mot, read_yolo
+from eyechart.edits.text_labels import PICTURES, read_kitti, read_mot, read_yolo
 from eyechart.errors import SourceError, SpecError, require_known
 from eyechart.importing.faults import Faults
 
@@ -66,6 +66,9 @@ def read_format(name: str, folder: Path, objects: Path, table: Path | None) -> A
     faults.require_none(str(objects))
     if not found.photos:
         raise SourceError(f"{objects} annotates no picture of {folder}")
+    if table is None and name != "nuscenes":  # its folder has pictures of other cameras too
+        pictures = sum(path.suffix.lower() in PICTURES for path in folder.rglob("*"))
+        found = replace(found, left_out=pictures - len(found.photos))
     return found if table is None else _joined(found, read_photos(folder, table, faults), objects, faults)
 
 

@@ -1,6 +1,5 @@
 """Attempts as columns: a ledger is read in one pass, which checks every row, and then counted by numpy."""
 
-import hashlib
 import json
 import re
 import sqlite3
@@ -8,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from hashlib import sha256
 from itertools import islice
 from typing import Any
 
@@ -41,7 +41,9 @@ _REAL = ("seconds", "first_byte_s", "cost_usd", "energy_j")
 _NAMES = tuple(_AT[name] for name in ("served", "provider", "system_fingerprint", "payload_sha256"))
 _AT_ONCE = 20_000
 _READ_AT_MOST = 100_000
-_SHA256 = re.compile(r"[0-9a-f]{64}").fullmatch
+_DIGITS = 64
+_HEXADECIMAL = re.compile("[0-9a-f]+").fullmatch
+_SHA256 = re.compile(f"[0-9a-f]{{{_DIGITS}}}").fullmatch
 TEXTS_KEPT = 1000
 """The most distinct texts of a model that are told apart."""
 AGAIN_SHOWN = ("real", "real_repeat")
@@ -122,11 +124,11 @@ class Attempts:
         """Return the row of each call's last final reply, or else of its last failure, by call."""
         rows = self.of(model)
         rows = rows[self.came[rows]]
-        found = np.full(int(self.call[rows].max(initial=-1)) + 1, -1, dtype=np.int64)
-        found[self.call[rows]] = rows
-        final = rows[self.final[rows]]
-        found[self.call[final]] = final
-        return found[found >= 0]
+        calls, place = np.unique(self.call[rows], return_inverse=True)
+        found, final = np.full(len(calls), -1, dtype=np.int64), self.final[rows]
+        found[place] = rows
+        found[place[final]] = rows[final]
+        return found
 
     def finishing(self, rows: Ints) -> Mask:
         """Return which rows have a reply that finished its call."""
@@ -217,10 +219,11 @@ def _several(sql: sqlite3.Connection) -> Iterator[list[Row]]:
 
 def _require_sums(several: Sequence[Row]) -> None:
     """Raise UnsoundError unless every reply has its checksum and belongs to the call of its attempt."""
-    came = [row for row in several if row[_FINAL] is not None]
-    sums = [hashlib.sha256(pack(row[:_NUMBER])).hexdigest() for row in came]
-    if sums != [row[_NUMBER + 3] for row in came] or not all(row[_NUMBER + 2] for row in came):
-        raise UnsoundError
+    for row in several:
+        if row[_FINAL] is not None and (
+            sha256(pack(row[:_NUMBER])).hexdigest() != row[_NUMBER + 3] or not row[_NUMBER + 2]
+        ):
+            raise UnsoundError
 
 
 def _require_links(sql: sqlite3.Connection, made: Attempts) -> None:
@@ -267,7 +270,7 @@ class _Gather:
         put("final", final == 1)
         put("number", _small(np.array(columns[_NUMBER], dtype=np.int64)))
         put("call", _small(np.array(columns[_NUMBER + 1], dtype=np.int64)))
-        put("request", np.fromiter(map(hashed, columns[OF_KEY + 1]), np.int64, len(several)))
+        put("request", _all_hashed(columns[OF_KEY + 1]))
         self._numbers(columns)
         entries = self._read(columns, codes, came)
         decision, silent, _ = zip(*self._entries, (-1, False, ""), strict=True)  # the last is that of no reply
@@ -308,10 +311,13 @@ class _Gather:
         seen = [columns[_AT["text"]], codes["finish_reason"].tolist(), codes["error"].tolist()]
         seen += [codes[name].tolist() for name in ("prompt", "frame", "condition", "repeat") if self.by_frame]
         known, found = self._known, np.full(len(came), -1, dtype=np.int64)
-        for at, (one, has_reply) in enumerate(zip(zip(*seen, strict=True), came.tolist(), strict=True)):
-            if has_reply:
-                entry = known.get(one)
-                found[at] = self._entry(one, tuple(column[at] for column in columns)) if entry is None else entry
+        every = list(zip(*seen, strict=True))
+        entries = list(map(known.get, every))
+        if came.all() and None not in entries:
+            return np.array(entries, dtype=np.int64)
+        for at in np.flatnonzero(came).tolist():
+            entry = known.get(every[at])
+            found[at] = self._entry(every[at], tuple(column[at] for column in columns)) if entry is None else entry
         return found
 
     def _entry(self, seen: Row, row: Row) -> int:
@@ -386,12 +392,20 @@ def hashed(digest: str) -> int:
     if not digest:
         return -1
     if _SHA256(digest) is None:  # no digest of ours
-        digest = hashlib.sha256(digest.encode(errors="surrogatepass")).hexdigest()
+        digest = sha256(digest.encode(errors="surrogatepass")).hexdigest()
     return int(digest[:15], 16)
 
 
-def written(attempts: Attempts) -> bytes | None:
-    """Return columns as bytes: a line of JSON that describes them, and then their arrays.
+def _all_hashed(digests: Sequence[str]) -> Ints:
+    """Return what `hashed` does of each digest; many whole ones are read at once."""
+    joined = "".join(digests)
+    if set(map(len, digests)) != {_DIGITS} or _HEXADECIMAL(joined) is None:
+        return np.fromiter(map(hashed, digests), np.int64, len(digests))
+    return (np.frombuffer(bytes.fromhex(joined), ">u8")[:: _DIGITS // 16] >> 4).astype(np.int64)
+
+
+def written(attempts: Attempts) -> list[memoryview] | None:
+    """Return columns in parts: a line of JSON that describes them, and then their arrays.
 
     None where an action is no word, as a motion: it cannot be written exactly.
     """
@@ -407,7 +421,7 @@ def written(attempts: Attempts) -> bytes | None:
     }
     head = json.dumps(said).encode()
     head += b" " * (-(len(head) + 1 + _BEFORE) % 8) + b"\n"
-    return head + b"".join(one.tobytes() for one in arrays.values())
+    return [memoryview(head), *(memoryview(np.ascontiguousarray(one)).cast("B") for one in arrays.values() if one.size)]
 
 
 def _arrays(attempts: Attempts) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -423,10 +437,12 @@ def _arrays(attempts: Attempts) -> Iterator[tuple[str, NDArray[Any]]]:
     yield from sorted(found.items(), key=lambda item: -item[1].itemsize)
 
 
-def read_back(body: bytes) -> Attempts:
+def read_back(body: memoryview) -> Attempts:
     """Return the columns that `written` wrote, over the same bytes; raises ValueError or LookupError."""
-    head, _, _ = body.partition(b"\n")
-    said, at = json.loads(head), len(head) + 1
+    head = re.match(rb"[^\n]*\n", body)
+    if head is None:
+        raise ValueError("no line describes the columns")
+    said, at = json.loads(head[0]), head.end()
     groups: dict[str, dict[str, NDArray[Any]]] = {name: {} for name in ("", "codes", "whole", "real", "repeats")}
     for name, kind, length in said["arrays"]:
         group, _, place = name.partition(".")

@@ -45,11 +45,19 @@ def contingency(first: npt.ArrayLike, second: npt.ArrayLike) -> Contingency:
     a, b = labels_of(first, "first"), labels_of(second, "second")
     if len(a) != len(b):
         raise ValueError(f"{len(a)} labels against {len(b)}: give both for the same frames")
-    rows, i = np.unique(a, return_inverse=True)
-    columns, j = np.unique(b, return_inverse=True)
+    (rows, i), (columns, j) = numbered(a), numbered(b)
     flat = np.bincount(i * len(columns) + j, minlength=len(rows) * len(columns))
     table = flat.reshape(len(rows), len(columns)).astype(np.int64)
     return Contingency(table, tuple(rows.tolist()), tuple(columns.tolist()))
+
+
+def numbered(labels: npt.NDArray[np.generic]) -> tuple[npt.NDArray[np.generic], npt.NDArray[np.int64]]:
+    """Return the labels that occur, sorted, and of each the place; small whole numbers are not sorted."""
+    if labels.dtype.kind != "i" or not len(labels) or labels.min() < 0 or labels.max() > len(labels):
+        found, places = np.unique(labels, return_inverse=True)
+        return found, places.astype(np.int64)
+    occurs = np.bincount(labels) > 0  # type: ignore[arg-type]
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[labels]  # type: ignore[index]
 
 
 @dataclass(frozen=True, slots=True)

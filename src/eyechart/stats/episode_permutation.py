@@ -245,7 +245,7 @@ def _layout(stratum: npt.ArrayLike, episode: npt.ArrayLike, step: npt.ArrayLike,
     kept, excluded, truncated, shifted = [], [], 0, 0
     for name in np.unique(np.asarray(stratum)):
         inside = np.flatnonzero(np.asarray(stratum) == name)
-        series = [_in_order(inside[episodes[inside] == each], steps) for each in np.unique(episodes[inside])]
+        series = _in_order(inside, episodes, steps)
         shortest, longest = min(map(len, series)), max(map(len, series))
         if len(series) < 2:
             excluded.append(f"{name} has fewer than 2 episodes")
@@ -258,15 +258,17 @@ def _layout(stratum: npt.ArrayLike, episode: npt.ArrayLike, step: npt.ArrayLike,
     return _Strata(tuple(kept), tuple(excluded), truncated, shifted)
 
 
-def _in_order(rows: Ints, step: Floats) -> Ints:
-    rows = rows[np.argsort(step[rows], kind="stable")]
-    twice = np.flatnonzero(np.diff(step[rows]) == 0)
+def _in_order(rows: Ints, episodes: Ints, step: Floats) -> list[Ints]:
+    """Return the rows of each episode, by step."""
+    rows = rows[np.lexsort((step[rows], episodes[rows]))]
+    new = np.diff(episodes[rows]) != 0
+    twice = np.flatnonzero(~new & (np.diff(step[rows]) == 0))
     if len(twice):
         raise ValueError(
             f"step {step[rows[twice[0]]]:g} occurs twice in one episode (frames number {rows[twice[0]]} and "
             f"{rows[twice[0] + 1]}): number the steps of an episode apart"
         )
-    return rows
+    return np.split(rows, np.flatnonzero(new) + 1)
 
 
 def _refusal(layout: _Strata, n: int, alpha: float, resamples: int, method: str) -> Statistic | None:

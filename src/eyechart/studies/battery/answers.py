@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -70,18 +70,10 @@ class Answers:
         return self.symbols(condition, "decision")
 
     def symbols(self, condition: str, level: str) -> Symbols:
-        """Return a condition's symbols, read-only, at level ``response`` or ``decision``."""
-        if (condition, level) not in self._symbols:
-            names = [self.space.symbol(action) for action in self._coded[0]]
-            none = UNPARSED if level == "response" else ABSENT
-            made = np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2]
-            made.flags.writeable = False
-            self._symbols[condition, level] = made
-        return self._symbols[condition, level]
-
-    @cached_property
-    def _symbols(self) -> dict[tuple[str, str], Symbols]:
-        return {}
+        """Return a condition's symbols, at level ``response`` or ``decision``."""
+        names = [self.space.symbol(action) for action in self._coded[0]]
+        none = UNPARSED if level == "response" else ABSENT
+        return np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2]
 
     @cached_property
     def _coded(self) -> tuple[tuple[Any, ...], dict[str, Codes]]:
@@ -89,16 +81,23 @@ class Answers:
 
         -1 stands for no decision, -2 for no reply.
         """
-        codes: dict[Any, int] = {None: -1}
-        columns = {
-            name: np.array([-2 if one is None else codes.setdefault(one.action, len(codes) - 1) for one in column], int)
-            for name, column in self.decisions.items()
-        }
+        codes, columns = dict[Any, int]({None: -1}), dict[str, Codes]()
+        for name, column in self.decisions.items():
+            known = dict(zip(map(id, column), column, strict=True))  # few are distinct
+            place = {
+                at: -2 if one is None else codes.setdefault(one.action, len(codes) - 1) for at, one in known.items()
+            }
+            columns[name] = np.fromiter(map(place.__getitem__, map(id, column)), np.int32, len(column))
         return tuple(codes)[1:], columns
 
     def _column(self, condition: str) -> Codes:
         columns = self._coded[1]
-        return columns[condition] if condition in columns else np.full(len(self.frames), -2)
+        return columns[condition] if condition in columns else np.full(len(self.frames), -2, dtype=np.int32)
+
+    def given(self, condition: str) -> tuple[Mask, Mask]:
+        """Return which frames have a reply, and which one without a decision."""
+        codes = self._column(condition)
+        return codes >= -1, codes == -1
 
     def distance(self, first: str, second: str, level: str = "decision", *, reflect: bool = False) -> PairedValues:
         """Return the distance between two conditions' answers, and the frames that have both.
@@ -119,7 +118,7 @@ class Answers:
             action = self.space.reflect(actions[here]) if reflect else actions[here]
             return math.nan if action is None else self.space.distance(action, actions[there])
 
-        keys = (one[have] + 1) * count + other[have] + 1
+        keys = (one[have].astype(np.int64) + 1) * count + other[have] + 1
         pairs = np.flatnonzero(np.bincount(keys)) if count < _FEW else np.unique(keys)
         found = np.array([apart(int(pair)) for pair in pairs], dtype=np.float64)[np.searchsorted(pairs, keys)]
         have[have] = ~np.isnan(found)
@@ -134,8 +133,7 @@ class Answers:
 
     def numbers(self, column: str) -> Floats:
         """Return each frame's number in a column of ground truth, NaN where there is none."""
-        found = [frame.truth.get(column) for frame in self.frames]
-        return np.array([float(one) if isinstance(one, int | float) else math.nan for one in found])
+        return _columns_of(_SameFrames(self.frames)).numbers(column)
 
     def both(self, first: str, second: str, level: str) -> tuple[Symbols, Symbols, Mask]:
         """Return two conditions' symbols on the frames that have both, and these frames' mask."""
@@ -160,36 +158,39 @@ class Answers:
 
     def turns(self, condition: str, level: str = "decision") -> Symbols:
         """Return a condition's symbols as directions: their part that a reflection exchanges."""
-        symbols = self.symbols(condition, level)
-        named, places = np.unique(symbols, return_inverse=True)
-        return np.array([self.space.turn(str(one)) for one in named], dtype=np.str_)[places]
+        names = [self.space.symbol(action) for action in self._coded[0]]
+        turned = [self.space.turn(one) for one in (ABSENT, UNPARSED if level == "response" else ABSENT, *names)]
+        return np.array(turned, dtype=np.str_)[self._column(condition) + 2]
 
     def directions(self) -> dict[str, int]:
         """Return how often each direction was the answer to real and to mirrored pictures."""
-        given = Counter([*self.turns("real"), *self.turns("mirrored")])
-        return {name: given[name] for name in self.partners}
+        given = [self.turns(name) for name in ("real", "mirrored")]
+        return {name: sum(int(np.count_nonzero(one == name)) for one in given) for name in self.partners}
 
     def counts(self) -> dict[str, Counter[str]]:
         """Return by condition how many replies hold a decision, and how many do not, by reason."""
-        return {
-            name: Counter(one.reason or DECIDED for one in column if one is not None)
-            for name, column in self.decisions.items()
-        }
+        found = {}
+        for name, column in self.decisions.items():
+            known, found[name] = dict(zip(map(id, column), column, strict=True)), Counter[str]()
+            for at, count in Counter(map(id, column)).items():  # few are distinct
+                if (one := known[at]) is not None:
+                    found[name][one.reason or DECIDED] += count
+        return found
 
-    @cached_property
+    @property
     def episodes(self) -> Symbols:
         """Return each frame's episode."""
-        return np.array([frame.episode for frame in self.frames], dtype=np.str_)
+        return _columns_of(_SameFrames(self.frames)).episodes
 
-    @cached_property
+    @property
     def scenarios(self) -> Symbols:
         """Return each frame's scenario."""
-        return np.array([frame.scenario for frame in self.frames], dtype=np.str_)
+        return _columns_of(_SameFrames(self.frames)).scenarios
 
-    @cached_property
+    @property
     def steps(self) -> NDArray[np.int64]:
         """Return each frame's step."""
-        return np.array([frame.step for frame in self.frames], dtype=np.int64)
+        return _columns_of(_SameFrames(self.frames)).steps
 
     @cached_property
     def gaps(self) -> NDArray[np.float64] | None:
@@ -199,6 +200,57 @@ class Answers:
         number.
         """
         return None if self.gap is None else np.array(list(map(self.gap.of, self.frames)), dtype=np.float64)
+
+
+class _FrameColumns:
+    """What is read of frames alone, read-only, which many models' answers share."""
+
+    def __init__(self, frames: tuple[Frame, ...]) -> None:
+        self._frames = frames
+        self._numbers: dict[str, Floats] = {}
+
+    def numbers(self, column: str) -> Floats:
+        """Return each frame's number in a column of ground truth, NaN where there is none."""
+        if column not in self._numbers:
+            found = [frame.truth.get(column) for frame in self._frames]
+            made = np.array([float(one) if isinstance(one, int | float) else math.nan for one in found])
+            self._numbers[column] = _fixed(made)
+        return self._numbers[column]
+
+    @cached_property
+    def episodes(self) -> Symbols:
+        return _fixed(np.array([frame.episode for frame in self._frames], dtype=np.str_))
+
+    @cached_property
+    def scenarios(self) -> Symbols:
+        return _fixed(np.array([frame.scenario for frame in self._frames], dtype=np.str_))
+
+    @cached_property
+    def steps(self) -> NDArray[np.int64]:
+        return _fixed(np.array([frame.step for frame in self._frames], dtype=np.int64))
+
+
+def _fixed(array: NDArray[Any]) -> NDArray[Any]:
+    array.flags.writeable = False
+    return array
+
+
+class _SameFrames:
+    """Frames by their identity, because comparing them takes long."""
+
+    def __init__(self, frames: tuple[Frame, ...]) -> None:
+        self.frames = frames
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _SameFrames) and other.frames is self.frames
+
+    def __hash__(self) -> int:
+        return id(self.frames)
+
+
+@lru_cache(maxsize=2)
+def _columns_of(same: _SameFrames) -> _FrameColumns:
+    return _FrameColumns(same.frames)
 
 
 def read_answers(

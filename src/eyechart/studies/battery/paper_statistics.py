@@ -25,6 +25,7 @@ from eyechart.stats.association import (
     entropy_of_counts,
     information_of_tables,
     modal_share,
+    numbered,
     quantile_bins,
 )
 from eyechart.stats.episodes import (
@@ -37,6 +38,7 @@ from eyechart.stats.jackknife import association_interval, over_tables
 from eyechart.stats.resamples import permute_mutual_information
 from eyechart.stats.statistic import Statistic, not_available
 from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
+from eyechart.verdicts import DECIDED
 
 Statistics = dict[str, Statistic]
 Floats = NDArray[np.float64]
@@ -94,13 +96,14 @@ class PaperStatistics:
         return found | {name: partial(lambda name: diversity()[name], name) for name in ("modal_share", "entropy")}
 
     def _unparsed(self) -> Statistic:
-        decisions = self.answers.decisions
-        given = [(one, self._episodes[at]) for name in BATTERY for at, one in enumerate(decisions.get(name, ())) if one]
-        reasons = Counter(one.reason for one, _ in given if one.reason is not None)
-        if not given:
+        asked, counts = [name for name in BATTERY if name in self.answers.decisions], self.answers.counts()
+        given = [self.answers.given(name) for name in asked]
+        if not any(came.any() for came, _ in given):
             return not_available("no observations")
-        lost = np.array([one.missing is not None for one, _ in given], dtype=np.float64)
-        statistic = self._over_episodes(lost, np.array([episode for _, episode in given]))
+        lost = np.concatenate([without[came] for came, without in given]).astype(np.float64)
+        statistic = self._over_episodes(lost, np.concatenate([self._episodes[came] for came, _ in given]))
+        reasons = sum((counts[name] for name in asked), Counter())
+        del reasons[DECIDED]
         return replace(statistic, detail={"reasons": dict(sorted(reasons.items()))})
 
     def _agreements(self, level: str) -> dict[str, Callable[[], Statistic]]:
@@ -160,8 +163,7 @@ class PaperStatistics:
         detail = {**(found.detail or {}), **named}
         if found.value is None or 1 in shape or not self.how.intervals:
             return replace(found, detail=detail)
-        _, i = np.unique(rows.codes, return_inverse=True)
-        _, j = np.unique(columns.codes, return_inverse=True)
+        (_, i), (_, j) = numbered(rows.codes), numbered(columns.codes)
         interval = association_interval(_by_episode(i, j, episodes, shape), found.value)
         return _with_interval(replace(found, detail=detail), interval)
 

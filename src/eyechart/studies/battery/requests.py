@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eyechart.calls import CallKey
 from eyechart.errors import EyechartError, LedgerError, printable
@@ -54,14 +55,24 @@ def _asked_in(attempts: Attempts, plan: Plan) -> Iterator[list[int]]:
 
     They come in the order of the first calls, up to `MANY` frames of a condition.
     """
-    rows = np.concatenate([np.zeros(0, dtype=np.int64), *map(attempts.of, plan.models)])
-    rows = rows[attempts.request[rows] >= 0]
-    conditions, frames = (attempts.codes[name][rows].astype(np.int64) for name in ("condition", "frame"))
-    shown = conditions * len(attempts.names["frame"]) + frames
-    first = np.sort(np.unique(shown, return_index=True)[1])
-    for code in np.flatnonzero(np.bincount(conditions)).tolist():
-        chosen = shown[first[conditions[first] == code][:MANY]]
-        own = np.flatnonzero(np.isin(shown, chosen))
+    each, many = (
+        [rows[attempts.request[rows] >= 0] for rows in map(attempts.of, plan.models)],
+        len(attempts.names["frame"]),
+    )
+    compared = np.zeros(len(attempts.names["condition"]) * many, dtype=np.bool_)
+    left = np.full(len(attempts.names["condition"]), MANY)
+    for rows in each:  # the first frames of each condition, a model at a time
+        new = _shown(attempts, rows)
+        new = new[~compared[new]]
+        new = new[np.sort(np.unique(new, return_index=True)[1])]
+        for code in np.flatnonzero(np.bincount(new // many)).tolist():
+            chosen = new[new // many == code][: left[code]]
+            compared[chosen] = True
+            left[code] -= len(chosen)
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *(one[compared[_shown(attempts, one)]] for one in each)])
+    shown = _shown(attempts, rows)
+    for code in np.flatnonzero(np.bincount(shown // many)).tolist():
+        own = np.flatnonzero(shown // many == code)
         order = own[np.lexsort((own, attempts.request[rows[own]], shown[own]))]
         pairs = np.stack([shown[order], attempts.request[rows[order]]])
         new = np.concatenate([np.ones(min(1, len(order)), dtype=np.bool_), (pairs[:, 1:] != pairs[:, :-1]).any(axis=0)])
@@ -70,6 +81,12 @@ def _asked_in(attempts: Attempts, plan: Plan) -> Iterator[list[int]]:
         for place in order.tolist():
             found.setdefault(int(shown[place]), []).append(int(rows[place]))
         yield from found.values()
+
+
+def _shown(attempts: Attempts, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return a number of each row's condition and frame."""
+    conditions, frames = (attempts.codes[name][rows].astype(np.int64) for name in ("condition", "frame"))
+    return conditions * len(attempts.names["frame"]) + frames
 
 
 def _words(wrong: list[CallKey]) -> str:
