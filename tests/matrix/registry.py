@@ -77,6 +77,7 @@ DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.kept", "_keep"): "gate",
     ("eyechart.kept", "_make_key"): "gate",
     ("eyechart.kept", "_key"): "gate",
+    ("eyechart.kept", "<module>"): "gate",
     ("eyechart.kept", "_opened"): "gate",
     ("eyechart.kept", "_program"): "gate",
     ("eyechart.ledger.columns", "read_back"): "gate",
