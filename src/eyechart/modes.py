@@ -3,14 +3,15 @@
 A mode never holds a secret: a header names an environment variable as ``$NAME``.
 """
 
+import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import Annotated, Any, Literal, cast
 from urllib.parse import parse_qsl, unquote, urlsplit, urlunsplit
 
 import msgspec
@@ -234,6 +235,59 @@ def read_mode(path: Path) -> RequestMode:
 def mode_of(spec: str, given: Mapping[str, object]) -> RequestMode:
     """Return a SPEC's request mode with these fields; raises SpecError that names a wrong one."""
     return RequestMode.from_dict({"spec": spec, **given}, f"the options of {without_secrets(spec)}")
+
+
+_FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}
+"""A field's name, where an option of the command has another."""
+
+
+def fields_in_words(given: Mapping[str, Any]) -> dict[str, object]:
+    """Return the fields that a command's options set, by the options' names; None sets no field.
+
+    Raises SpecError for a wrong pair.
+    """
+    temperature = given["temperature"]
+    found = {
+        **given,
+        "temperature": None if temperature is None else _number(temperature),
+        "header": _pairs(given["header"], ":", "--header 'NAME: VALUE'"),
+        "body": _pairs(given["body"], "=", "--body KEY=JSON", _json),
+        "option": _pairs(given["option"], "=", "--option KEY=VALUE", _scalar),
+    }
+    return {_FIELDS.get(name, name): value for name, value in found.items() if value is not None}
+
+
+def _number(text: str) -> object:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _pairs(
+    given: Sequence[str] | None, sign: str, form: str, read: Callable[[str], object] = str
+) -> dict[str, object] | None:
+    pairs = {}
+    for text in given or ():
+        name, found, value = text.partition(sign)
+        if not found or not name.strip():
+            # Only its start is quoted: it may be a secret.
+            raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")
+        pairs[name.strip()] = read(value.strip())
+    return pairs or None
+
+
+def _json(text: str) -> object:
+    """Return a text's JSON value, or the text if it is no JSON."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _scalar(text: str) -> Scalar:
+    value = _json(text)
+    return value if isinstance(value, str | int | float | bool) else text
 
 
 def mode_text(mode: RequestMode) -> str:

@@ -341,7 +341,7 @@ def test_what_cannot_be_called_is_refused_before_a_process_loads_it(fault: str, 
 
 def test_an_option_of_served_models_is_refused_with_what_names_its_python() -> None:
     """Of which somebody may think who looks for its Python."""
-    with pytest.raises(SpecError, match=r"options would not change 'lerobot:x'.*; EYECHART_LEROBOT_PYTHON names its"):
+    with pytest.raises(SpecError, match=r"options would not change 'lerobot:x'.*; --lerobot-python, or EYECHART_LER"):
         open_policy(RequestMode("lerobot:x", options={"python": "python3.12"}))
 
 
@@ -371,6 +371,22 @@ def test_a_python_that_does_not_do_is_said_with_what_does(
         monkeypatch.setenv(name, value)
     with pytest.raises(SpecError, match=words):
         opened(stand_in.checkpoint(tmp_path / "act"))
+
+
+@pytest.mark.parametrize(
+    "command", [("doctor",), ("run", "policy", "--out", "run", "--policy"), ("look", "--out", "look")]
+)
+def test_an_option_names_the_python(
+    command: tuple[str, ...], bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For one command, and before the variable."""
+    monkeypatch.setenv(lerobot.PYTHON, "/bin/false")
+    spec = f"lerobot:{stand_in.checkpoint(tmp_path / 'act')}"
+    words = ["--frames", str(bank.root), "--lerobot-python", "/nowhere/python"]
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, [*command, spec, *words])
+    assert isinstance(done.exception, SpecError)
+    assert "'/nowhere/python' cannot be started" in str(done.exception)
 
 
 def test_a_python_without_lerobot_is_said_with_what_installs_it(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import edit as edits
-from eyechart.cli.options import Json, Model, expanded, filled, read_places
+from eyechart.cli.options import Json, Model, expanded, filled
 from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, counted, suggestion
 from eyechart.formats import FORMATS, Format, find_format, takers
@@ -171,7 +171,7 @@ class SourceDescription:
         from eyechart.errors import finite_number
         from eyechart.frames import read_made
         from eyechart.importing.bank import Choices
-        from eyechart.importing.columns import read_rig
+        from eyechart.importing.columns import read_places, read_rig
         from eyechart.importing.faults import Faults
         from eyechart.spaces.discrete import DRIVING, read_space
 

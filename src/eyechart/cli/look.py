@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import AskAgain, Json, Seed, read_places
+from eyechart.cli.options import AskAgain, Json, LeRobotPython, Seed
 from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -48,6 +48,7 @@ def look(
     budget: Annotated[int | None, typer.Option(min=1, help="At most this many calls in total.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for all files; default: looks/NAME.")] = None,
     again: AskAgain = False,
+    lerobot_python: LeRobotPython = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for consent to calls that may cost.")] = False,
     json: Json = False,
     accept: Annotated[str | None, typer.Option(help="part: exit 0 for 'In part' too.")] = None,
@@ -62,6 +63,7 @@ def look(
     Exit 0: Yes; 1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look
     scripted:depth
     """
+    from eyechart.importing.columns import read_places
     from eyechart.looks import LookRequest, Pictures, Watch, folder_name, look_at_sheet, spec_of
     from eyechart.looks import look as looked
 
@@ -81,6 +83,7 @@ def look(
         budget=budget,
         file=mode,
         again=again,
+        python=lerobot_python,
     )
     if objects is None and (near, far, lane, eye) != (None,) * 4:
         raise SpecError("--near, --far, --lane and --eye are for photographs that are edited: give --objects too")

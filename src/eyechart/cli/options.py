@@ -1,7 +1,7 @@
 """Options that several commands share, and the request modes that they give."""
 
 import inspect
-import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
@@ -10,10 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from eyechart.errors import SpecError
-
 if TYPE_CHECKING:
-    from eyechart.modes import Scalar
     from eyechart.planned_run import RunAllowance
     from eyechart.studies.probes import RunModes
 
@@ -32,6 +29,15 @@ Prompt = Annotated[
 Conditions = Annotated[str | None, typer.Option(help="Conditions with commas; default: all that the bank has.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and the order of calls.")]
 Shard = Annotated[str | None, typer.Option(help="i/n: make only this part of the calls; join with 'merge'.")]
+
+
+def _has_lerobot(python: Path | None) -> Path | None:
+    """Name the Python of LeRobot's policies to this process, as its variable does."""
+    if python is not None:
+        os.environ["EYECHART_LEROBOT_PYTHON"] = str(python)
+    return python
+
+
 Limit = Annotated[int | None, typer.Option(help="Use only this many frames, spread over the episodes.")]
 Concurrency = Annotated[int, typer.Option(min=1, help="Concurrent calls per model.")]
 Episodes = Annotated[int, typer.Option(min=1, help="Concurrent episodes per model.")]
@@ -40,6 +46,10 @@ DryDrive = Annotated[bool, typer.Option("--dry-run", help="Print the plan; make 
 DriveAgain = Annotated[bool, typer.Option("--again", help="Drive again what ended in an error.")]
 AskAgain = Annotated[
     bool, typer.Option("--again", help="Retry calls that failed in transport (not refusals, not answers).")
+]
+LeRobotPython = Annotated[
+    Path | None,
+    typer.Option(help="Python that has LeRobot, for a lerobot: SPEC.", callback=_has_lerobot, metavar="PYTHON"),
 ]
 Independent = Annotated[
     bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")
@@ -113,10 +123,6 @@ class CostLimits:
 NO_LIMIT = CostLimits()
 
 
-_FIELDS = {"timeout": "timeout_s", "header": "headers", "option": "options", "json_mode": "structured"}
-"""The request mode's name of an option, where the two differ."""
-
-
 @dataclass(frozen=True)
 class EndpointOptions:
     """The options that reach models without a mode file, also in studies of reply forms."""
@@ -147,14 +153,9 @@ class EndpointOptions:
 
     def given(self) -> dict[str, object]:
         """Return the request-mode fields that options set; raises SpecError for a wrong pair."""
-        given = {
-            **vars(self),
-            "temperature": None if self.temperature is None else _number(self.temperature),
-            "header": _pairs(self.header, ":", "--header 'NAME: VALUE'"),
-            "body": _pairs(self.body, "=", "--body KEY=JSON", _json),
-            "option": _pairs(self.option, "=", "--option KEY=VALUE", _scalar),
-        }
-        return {_FIELDS.get(name, name): value for name, value in given.items() if value is not None}
+        from eyechart.modes import fields_in_words
+
+        return fields_in_words(vars(self))
 
 
 @dataclass(frozen=True)
@@ -337,47 +338,3 @@ def _built(group: Any, given: dict[str, Any]) -> Any:  # noqa: ANN401 - a class 
     hints = get_type_hints(group)
     parts = {field.name: _built(hints[field.name], given) for field in fields(group) if is_dataclass(hints[field.name])}
     return group(**parts, **{field.name: given.pop(field.name) for field in fields(group) if field.name not in parts})
-
-
-def _number(text: str) -> object:
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
-def _pairs(
-    given: Sequence[str] | None, sign: str, form: str, read: Callable[[str], object] = str
-) -> dict[str, object] | None:
-    pairs = {}
-    for text in given or ():
-        name, found, value = text.partition(sign)
-        if not found or not name.strip():
-            # Only its start is quoted: it may be a secret.
-            raise SpecError(f"this is given as {form}; got '{name[:8]}'{'…' * (len(name) > 8)}")
-        pairs[name.strip()] = read(value.strip())
-    return pairs or None
-
-
-def _json(text: str) -> object:
-    """Return a text's JSON value, or the text if it is no JSON."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
-
-
-def _scalar(text: str) -> "Scalar":
-    value = _json(text)
-    return value if isinstance(value, str | int | float | bool) else text
-
-
-def read_places(words: Sequence[str]) -> dict[str, str]:
-    """Return the column of each place in ``PLACE=COLUMN``; raises SpecError for a bad pair."""
-    places: dict[str, str] = {}
-    for word in words:
-        place, equals, column = word.partition("=")
-        if not equals or place in places:
-            raise SpecError(f"--map takes PLACE=COLUMN once per place, for example gap=lidar_m; got '{word}'")
-        places[place] = column
-    return places

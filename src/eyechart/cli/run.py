@@ -279,6 +279,7 @@ def policy(
     limit: options.Limit = None,
     shard: options.Shard = None,
     timeout_s: Annotated[float | None, typer.Option(min=0.1, help="Seconds for an answer.")] = None,
+    lerobot_python: options.LeRobotPython = None,
     making: options.PolicyRunOptions = options.POLICIES_MADE,
 ) -> None:
     """Ask policies about every frame of a bank, with channels exchanged between episodes.
@@ -294,6 +295,7 @@ def policy(
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
 
+    del lerobot_python  # named already, as the option was read
     given = {} if timeout_s is None else {"timeout_s": timeout_s}
     asked = making.asked(policy, mode, **given)
 

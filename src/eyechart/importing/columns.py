@@ -60,6 +60,17 @@ def is_distance(column: str) -> bool:
     return _DISTANCE.search(re.sub(r"[^a-z0-9]+", "_", apart.lower())) is not None
 
 
+def read_places(words: Sequence[str]) -> dict[str, str]:
+    """Return the column of each place in ``PLACE=COLUMN``; raises SpecError for a bad pair."""
+    places: dict[str, str] = {}
+    for word in words:
+        place, equals, column = word.partition("=")
+        if not equals or place in places:
+            raise SpecError(f"--map takes PLACE=COLUMN once per place, for example gap=lidar_m; got '{word}'")
+        places[place] = column
+    return places
+
+
 class CameraColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A camera of a rig, the column of its pictures, and the columns of its counterfactuals.
 

@@ -32,6 +32,7 @@ class LookRequest:
 
     ``by_file`` says that a request mode is given, and ``file`` is its file, if any. ``held`` is an
     open callable. ``budget`` limits the calls. ``again`` retries those that failed in transport.
+    ``python`` was named as the one that has LeRobot.
     """
 
     mode: RequestMode
@@ -44,6 +45,7 @@ class LookRequest:
     held: OpenedModel | None = None
     file: Path | None = None
     again: bool = False
+    python: Path | None = None
 
     @property
     def spec(self) -> str:
@@ -84,6 +86,7 @@ class LookRequest:
         """Return the options that a resumed look needs, by the command's names."""
         of = self.pictures
         paths = {"frames": of.frames, "photos": of.photos, "table": of.table, "dataset": of.dataset, "mode": self.file}
+        paths["lerobot_python"] = self.python
         given: dict[str, str | int | float | dict[str, str] | None] = {
             **{name: None if path is None else str(path) for name, path in paths.items()},
             "threshold": of.threshold,

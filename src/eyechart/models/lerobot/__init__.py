@@ -228,7 +228,8 @@ def _python(spec: str) -> str:
         return sys.executable
     raise SpecError(
         f"'{spec}' needs LeRobot, which this Python lacks; its 0.6 needs Python 3.12: 'python3.12 -m venv lerobot', "
-        f"'lerobot/bin/pip install lerobot', and name it as {PYTHON}=lerobot/bin/python"
+        f"'lerobot/bin/pip install lerobot', and name it with --lerobot-python lerobot/bin/python or as "
+        f"{PYTHON}=lerobot/bin/python"
     )
 
 
