@@ -110,8 +110,7 @@ def battery(
 
     corruptions = () if series is None else read_series(series)
     if fresh_controls:
-        with progress("controls", "frames") as move:
-            frames = study.with_fresh_controls(frames, out, shard, dry_run=making.dry_run, tell=say, progress=move)
+        frames = study.with_fresh_controls(frames, out, shard, dry_run=making.dry_run, tell=say, bar=progress)
 
     def planned(modes: "Sequence[RequestMode]") -> "Battery":
         part = None if shard is None else read_shard(shard)

@@ -19,7 +19,7 @@ CUTS = (GRABCUT, BOX)
 """How an object without a mask is cut out."""
 
 PRICE = (
-    "cut out by its box: a rectangle of road and of what stands beside travels along; a mask is better, or "
+    "cut out by the box alone: a rectangle of road and of what stands beside travels along; a mask is better, or "
     "pip install 'eyechart[edit]'"
 )
 """What a box costs that stands for a mask."""

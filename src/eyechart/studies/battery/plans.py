@@ -31,7 +31,7 @@ from eyechart.conditions import (
 )
 from eyechart.costs import CostEstimate, estimate
 from eyechart.errors import BankError, LedgerError, SpecError, counted, raising, suggestion
-from eyechart.event_loops import Progress, make_calls
+from eyechart.event_loops import make_calls
 from eyechart.frames import AS_STORED, ENCODINGS, IMPORTED, FrameBank, check, open_bank, whole_folder
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
@@ -633,7 +633,7 @@ def with_fresh_controls(
     *,
     dry_run: bool,
     tell: Callable[[str], None],
-    progress: Progress,
+    bar: Bar,
 ) -> Path:
     """Return the bank of a run with its own controls, which is made once in the run's folder.
 
@@ -657,7 +657,8 @@ def with_fresh_controls(
     if dry_run:
         tell("controls: their distances will be drawn anew, into the run's folder")
         return frames
-    seed = redraw(frames, own, randbelow(MOST_SEED), progress).manifest.controls.seed
+    with bar("controls", "frames") as move:
+        seed = redraw(frames, own, randbelow(MOST_SEED), move).manifest.controls.seed
     (own / OWN).touch()
     tell(f"controls: drawn anew into {own} with seed {seed}")
     return own
