@@ -421,7 +421,7 @@ def written(attempts: Attempts) -> list[memoryview] | None:
     }
     head = json.dumps(said).encode()
     head += b" " * (-(len(head) + 1 + _BEFORE) % 8) + b"\n"
-    return [memoryview(head), *(memoryview(np.ascontiguousarray(one)).cast("B") for one in arrays.values() if one.size)]
+    return [memoryview(head), *(np.ascontiguousarray(one).data.cast("B") for one in arrays.values() if one.size)]
 
 
 def _arrays(attempts: Attempts) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -56,8 +56,8 @@ def numbered(labels: npt.NDArray[np.generic]) -> tuple[npt.NDArray[np.generic], 
     if labels.dtype.kind != "i" or not len(labels) or labels.min() < 0 or labels.max() > len(labels):
         found, places = np.unique(labels, return_inverse=True)
         return found, places.astype(np.int64)
-    occurs = np.bincount(labels) > 0  # type: ignore[arg-type]
-    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[labels]  # type: ignore[index]
+    occurs = np.bincount(labels) > 0
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[labels]
 
 
 @dataclass(frozen=True, slots=True)

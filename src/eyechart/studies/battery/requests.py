@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ def _asked_in(attempts: Attempts, plan: Plan) -> Iterator[list[int]]:
         yield from found.values()
 
 
-def _shown(attempts: Attempts, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _shown(attempts: Attempts, rows: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
     """Return a number of each row's condition and frame."""
     conditions, frames = (attempts.codes[name][rows].astype(np.int64) for name in ("condition", "frame"))
     return conditions * len(attempts.names["frame"]) + frames
