@@ -135,9 +135,9 @@ docs: $(DOCS)
 	$(BIN)/python docs/check_site.py build/docs
 
 # Both distributions, their contents checked, and tried in a fresh environment of the Python that make uses; for a release
-# in one of every Python that is promised. With pyenv: PYENV_VERSION=3.11.7:3.12.1:3.13.0 make release.
+# in one of every Python that is promised, also pyenv's. IF_THERE=--if-there names one that is missing, and goes on.
 PYTHONS ?= python3.11 python3.12 python3.13
-release: TRIED := $(PYTHONS)
+release: TRIED := $(IF_THERE) $(PYTHONS)
 
 wheel: $(CORE)
 	rm -rf dist build/lib build/bdist.* organisms/build

@@ -73,15 +73,15 @@ class Code:
 
 def said_of(root: Path) -> Code:
     """Return the digests of today's code; comments and the shape of its lines are none of it."""
-    source, benchmarks = root / "src" / "eyechart", root / "benchmarks"
-    judging = [source / "conditions" / "__init__.py", source / "calibrate" / "world.py"]
+    source, organisms, benchmarks = root / "src" / "eyechart", root / "src" / "eyechart_organisms", root / "benchmarks"
+    judging = [source / "conditions" / "__init__.py", organisms / "calibration" / "world.py"]
     judging += [
         file for part in ("verdicts", "studies/battery", "stats") for file in sorted((source / part).rglob("*.py"))
     ]
     measuring = [
         benchmarks / f"{one}.py" for one in ("adversary_truth", "adversary_pictures", "strangers", "newcomers")
     ]
-    measuring += [root / "src" / "eyechart_organisms" / "adversaries.py", source / "calibrate" / "world.py"]
+    measuring += [organisms / "adversaries.py", organisms / "calibration" / "world.py"]
     return Code(_digest(judging, f"staging {STAGING}"), _digest(measuring, ""))
 
 

@@ -31,8 +31,6 @@ from adversarial_counts import KNOWN, Row, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
 from adversary_truth import find_truth
 from eyechart import verdicts
-from eyechart.calibrate.early_stops import sampled
-from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Query, Reply
 from eyechart.conditions import CONTROLS, asked_in_stages
 from eyechart.frames import LEAD_GAP
@@ -49,6 +47,8 @@ from eyechart.studies.battery.calibrated_statistics import CalibratedTests, Lazy
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
+from eyechart_organisms.calibration.early_stops import sampled
+from eyechart_organisms.calibration.world import SETTINGS, Setting, World, make_world
 from newcomers import NEWCOMERS, paint
 from stranger_door import COLD, open_stranger
 from strangers import ENDS, LANES, NOISE, PLACES, READERS, STAGES, TURNS

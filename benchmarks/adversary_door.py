@@ -1,4 +1,4 @@
-"""Adversaries as callables, ``python:adversary_door:NAME``: those of `eyechart.calibrate`, and some of real files.
+"""Adversaries as callables, ``python:adversary_door:NAME``: those of `eyechart_organisms`, and some of real files.
 
 EYECHART_ADVERSARY_BANK is the folder of the bank whose files some of them know by heart; EYECHART_ADVERSARY_SEED seeds
 their coins, which fall in the order of the calls.

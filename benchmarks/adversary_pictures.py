@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from adversary_door import looks
-from eyechart.calibrate.world import LANE_M, SETTINGS, SPAN, make_world
 from eyechart.frames import RGB, encode
 from eyechart.models.scripted import PerceivedPicture, see
 from eyechart.perception.renderer import HighwayReading
@@ -23,6 +22,7 @@ from eyechart.simulators import open_bank_simulator
 from eyechart.simulators.banks import BOXED, BankMaker, Moment
 from eyechart.simulators.road import staged_moments
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
+from eyechart_organisms.calibration.world import LANE_M, SETTINGS, SPAN, make_world
 from newcomers import Painted, paint
 
 Ints = NDArray[np.int64]

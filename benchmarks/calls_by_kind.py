@@ -32,12 +32,16 @@ KINDS = {"blind": BLIND, "reader of distance": READERS, "follower of the layout"
 BEFORE = """
 from eyechart.calibrate.adversaries import ADVERSARIES
 from eyechart.calibrate.known import KNOWN, Known as KnownController, by_sight
+from eyechart.calibrate.replication import answers_of, staged
+from eyechart.calibrate.world import SETTINGS, make_world
 from eyechart.studies.battery.published import Resampling
 from eyechart.studies.battery.scoring import statistics_of
 """
 NOW = """
 from eyechart_organisms.adversaries import ADVERSARIES
-from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
+from eyechart_organisms.calibration.known_answers import KNOWN, KnownController, by_sight
+from eyechart_organisms.calibration.replication import answers_of, staged
+from eyechart_organisms.calibration.world import SETTINGS, make_world
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 """
@@ -46,8 +50,6 @@ from eyechart.studies.battery.scores import statistics_of
 COUNT = """
 import json, random, sys
 import numpy as np
-from eyechart.calibrate.replication import answers_of, staged
-from eyechart.calibrate.world import SETTINGS, make_world
 from eyechart.verdicts import calibrated_rules
 seed = int(sys.argv[1])
 setting = SETTINGS["default"]

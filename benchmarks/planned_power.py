@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 import eyechart
-from eyechart.calibrate.early_stops import sampled
 from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS, OF_BANKS
 from eyechart.frames import MAIN, BankManifest, Frame, FrameBank, alone
 from eyechart.processes import open_pool
@@ -29,6 +28,7 @@ from eyechart.studies.battery.calibrated_statistics import CalibratedTests, Lazy
 from eyechart.studies.battery.odds import READS, odds_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
+from eyechart_organisms.calibration.early_stops import sampled
 
 RESULT = Path(__file__).parent / "results" / "power.json"
 FRAMES, NOISES, WITHIN = (36, 72, 144, 288), (0.05, 0.11, 0.22), 0.05

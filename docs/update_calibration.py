@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from eyechart import __version__
-from eyechart.calibrate.table import tables
-from eyechart.calibrate.tally import read_calibration
+from eyechart_organisms.calibration.table import tables
+from eyechart_organisms.calibration.tally import read_calibration
 
 PAGE = Path(__file__).with_name("calibration.md")
 FOLDER = Path(__file__).parents[1] / "benchmarks" / "results" / "calibration"

@@ -1,4 +1,4 @@
-"""Write the tables of docs/verdicts.md, between their marks, from the labels and from the rows of the rules.
+"""Write the tables of the pages on verdicts, between their marks, from the labels and from the rows of the rules.
 
 Usage: python docs/update_verdicts.py
 """
@@ -10,8 +10,10 @@ from pathlib import Path
 
 from eyechart.verdicts.labels import LABELS, LATERAL, meets
 from eyechart.verdicts.numbers import ASKS, BESIDE, PHOTOGRAPHS, needs_of, refuted_by
+from eyechart.verdicts.policy_verdict import AXES
 
-PAGE = Path(__file__).with_name("verdicts.md")
+DOCS = Path(__file__).parent
+PAGE, POLICIES = DOCS / "verdicts.md", DOCS / "policy-reference.md"
 
 EACH = {"specificity": "the same in each third of the range", "order": "the same of the other kinds of pairs"}
 
@@ -47,20 +49,34 @@ def depth() -> Iterator[str]:
         yield f"| {named} | {asks} | {needs_of(first)} | {refuted_by(first)} |"
 
 
-MADE = {"labels": labels, "depth": depth, "lateral labels": lateral}
-"""The tables by the name of their marks."""
+def policies() -> Iterator[str]:
+    """Yield a row a label of a policy, axis by axis; what a look answers is of the camera alone."""
+    yield "| axis | label | answer | meets | says |"
+    yield "|---|---|---|---|---|"
+    for axis, found in AXES.items():
+        for name, label in found.items():
+            met = ", ".join(f"`{one}`" for one in meets(name, found) if one != name)
+            yield f"| {axis} | `{name}` | {label.answer if axis == 'camera' else ''} | {met} | {label.says} |"
 
 
-def page(text: str) -> str:
+MADE = {
+    PAGE: {"labels": labels, "depth": depth, "lateral labels": lateral},
+    POLICIES: {"labels of policies": policies},
+}
+"""The tables of each page by the name of their marks."""
+
+
+def page(text: str, file: Path = PAGE) -> str:
     """Return a page with its tables made anew. Raises ValueError where it has lost the marks of one."""
-    for name, make in MADE.items():
+    for name, make in MADE[file].items():
         block = re.compile(rf"(<!-- {name}: .*? -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
         if block.search(text) is None:
-            raise ValueError(f"docs/verdicts.md has lost the marks of its table '{name}'")
+            raise ValueError(f"docs/{file.name} has lost the marks of its table '{name}'")
         made = "\n".join([*make(), ""])
         text = block.sub(lambda found, made=made: found[1] + made + found[2], text)  # type: ignore[misc]
     return text
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for one in MADE:
+        one.write_text(page(one.read_text(encoding="utf-8"), one), encoding="utf-8")

@@ -21,7 +21,7 @@ from hypothesis import settings
 import known
 
 if TYPE_CHECKING:
-    from eyechart.calibrate import Calibration
+    from eyechart_organisms.calibration import Calibration
 
 typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
 """The tree of commands does not change, and each call of a command in this process would build it anew."""

@@ -20,7 +20,7 @@ from eyechart.manifest import RUN
 from eyechart.simulators import open_bank_simulator
 
 if TYPE_CHECKING:
-    from eyechart.calibrate import Calibration
+    from eyechart_organisms.calibration import Calibration
 
 EYECHART = Path(sys.executable).with_name("eyechart")
 
@@ -75,7 +75,7 @@ def demo(shared: Path) -> Demo:
 
 def calibration(shared: Path) -> "Calibration":
     """Calibrate one bank of the default setting once a test session, however many workers ask for it."""
-    from eyechart.calibrate import calibrate  # noqa: PLC0415 - few tests need it, and it takes a while to import
+    from eyechart_organisms.calibration import calibrate  # noqa: PLC0415 - few tests need it, and it takes a while to import
 
     with FileLock(shared / "calibration.lock"):
         return calibrate(replications=1, seed=3, settings=["default"], keep=shared / "calibration.jsonl")

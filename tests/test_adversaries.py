@@ -1,19 +1,22 @@
 """What is declared of each adversary is what its rule does, on many simulated frames."""
 
+import importlib
 import math
 import random
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eyechart.calibrate.world import SETTINGS, SimulatedView, World, make_world
 from eyechart.frames import EXCHANGE
 from eyechart.models.scripted import PerceivedPicture
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import Other
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary
+from eyechart_organisms.calibration.tally import LIMITS, WEAK
+from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
 
 pytestmark = pytest.mark.slow
 
@@ -91,6 +94,31 @@ def test_an_adversary_follows_the_lead_as_declared(name: str) -> None:
     elif one.follows:
         assert min(effects) >= 0.30, effects
         assert wrong < 0.05, wrong
+
+
+NAMED = {
+    "between_reversed_20": "no",
+    "patched_25": "none",
+    "exchange_reversed_35": "none",
+    "half_blind": "depth",
+    "grades_noise_50": "depth",
+    "emergency": "depth",
+}
+
+
+def test_the_measure_of_the_newcomers_agrees_of_what_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is declared of it is measured by moving one thing; who brakes near alone is depth in no other third."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "benchmarks")
+    truth, pictures = (importlib.import_module(name) for name in ("adversary_truth", "adversary_pictures"))
+    for name, draws in {"DRAWS": 16, "CURVE_DRAWS": 8, "WARM": 0}.items():
+        monkeypatch.setattr(truth, name, draws)
+    seen = pictures.simulated()
+    found = {name: truth.find_truth(lambda name=name: ADVERSARIES[name], seen) for name in NAMED}
+    assert {name: one.says for name, one in found.items()} == NAMED
+    assert {*LIMITS, *WEAK, "emergency"} == NAMED.keys()
+    for name, says in NAMED.items():
+        assert ADVERSARIES[name].follows is {"depth": True, "no": False, "none": None}[says]
+    assert {found["emergency"].places[f"third {one}"] for one in ("middle", "far")} == {"none"}
 
 
 @pytest.mark.parametrize("name", ADVERSARIES)

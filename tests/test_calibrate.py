@@ -14,50 +14,6 @@ import numpy as np
 import pytest
 
 from eyechart import cli, verdicts
-from eyechart.calibrate import SETTINGS, Calibration, calibrate, replication
-from eyechart.calibrate.known_answers import (
-    COINS,
-    FOLLOW_GAP,
-    KNOWN,
-    NEVER_LOOK,
-    NULLS,
-    BankCapabilities,
-    deserved,
-    is_false,
-)
-from eyechart.calibrate.replication import (
-    DRAWN,
-    ReplicationResult,
-    Task,
-    answers_of,
-    replicate,
-    without_counterfactuals,
-)
-from eyechart.calibrate.table import tables
-from eyechart.calibrate.tally import (
-    CLAIMS,
-    VARIANTS,
-    WANTED,
-    AdversaryTrial,
-    FalseClaims,
-    ReplicationOutcome,
-    RuleOutcome,
-    read_calibration,
-    tally,
-)
-from eyechart.calibrate.world import (
-    FAR_M,
-    FARTHEST_M,
-    FEWEST_FRAMES,
-    GAP_AR,
-    GAP_LOG_SD,
-    MOST_FRAMES,
-    NEAREST_M,
-    POWER,
-    ROADS,
-    SPAN,
-    make_world,
-)
 from eyechart.conditions import NUDGES, OLDER, RANGED
 from eyechart.errors import SpecError
 from eyechart.frames import APART, EXCHANGE, LEAD
@@ -70,6 +26,50 @@ from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts.battery_rules import DISTANCE
 from eyechart.verdicts.rules import Axis
+from eyechart_organisms.calibration import SETTINGS, Calibration, calibrate, replication
+from eyechart_organisms.calibration.known_answers import (
+    COINS,
+    FOLLOW_GAP,
+    KNOWN,
+    NEVER_LOOK,
+    NULLS,
+    BankCapabilities,
+    deserved,
+    is_false,
+)
+from eyechart_organisms.calibration.replication import (
+    DRAWN,
+    ReplicationResult,
+    Task,
+    answers_of,
+    replicate,
+    without_counterfactuals,
+)
+from eyechart_organisms.calibration.table import tables
+from eyechart_organisms.calibration.tally import (
+    CLAIMS,
+    VARIANTS,
+    WANTED,
+    AdversaryTrial,
+    FalseClaims,
+    ReplicationOutcome,
+    RuleOutcome,
+    read_calibration,
+    tally,
+)
+from eyechart_organisms.calibration.world import (
+    FAR_M,
+    FARTHEST_M,
+    FEWEST_FRAMES,
+    GAP_AR,
+    GAP_LOG_SD,
+    MOST_FRAMES,
+    NEAREST_M,
+    POWER,
+    ROADS,
+    SPAN,
+    make_world,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -186,7 +186,7 @@ def test_a_rule_that_reads_any_trend_as_depth_is_caught(monkeypatch: pytest.Monk
 
 def test_a_test_that_always_rejects_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The type-I error of a test is counted where its null is true, from the p that it gave."""
-    from eyechart.calibrate import replication  # noqa: PLC0415 - the module, not its function
+    from eyechart_organisms.calibration import replication  # noqa: PLC0415 - the module, not its function
 
     def rejecting(*given: object) -> dict[str, Statistic]:
         statistics = statistics_of(*given)  # type: ignore[arg-type]
@@ -263,6 +263,51 @@ def test_a_single_controller_surely_above_a_target_is_a_miss() -> None:
     chance = FalseClaims("depth", "default", VARIANTS[0], rate(5, 2200), "random", rate(5, 200), 0.02)
     assert not hidden.holds
     assert chance.holds
+
+
+def tried(**called: Mapping[str, int]) -> Calibration:
+    """Return a calibration in which adversaries were called so and so often."""
+    return replace(tally([], settings=(), replications=1, seed=0, resamples=9), adversaries=called)
+
+
+@pytest.mark.parametrize(
+    ("name", "depth", "n", "holds"),
+    [
+        ("between_reversed_20", 32, 200, True),
+        ("between_reversed_20", 33, 200, False),
+        ("between_reversed_20", 5, 20, True),
+        ("between_reversed_20", 10, 20, False),
+        ("patched_25", 186, 200, True),
+        ("patched_25", 187, 200, False),
+        ("half_blind", 138, 200, True),
+        ("half_blind", 137, 200, False),
+        ("half_blind", 10, 20, True),
+        ("half_blind", 5, 20, False),
+    ],
+)
+def test_what_is_named_has_a_bound_of_its_own(name: str, depth: int, n: int, holds: bool) -> None:  # noqa: FBT001
+    """Beyond it there is a miss, by the share from 200 cases on, else by its interval; the tables name it always."""
+    found = tried(**{name: {"depth/no_power": depth, "content/no_power": n - depth}})
+    (limit,) = found.limits()
+    assert limit.holds is holds
+    assert (str(limit) in found.misses()) is not holds
+    assert f"named: {name} gets depth {depth} of {n} times [" in tables(found)
+    assert [one["holds"] for one in found.as_dict()["limits"]] == [holds]  # type: ignore[attr-defined]
+    assert not [one for one in found.misses() if one != str(limit) and not one.startswith("false depth of")]
+
+
+def test_what_is_named_and_untrue_counts_in_the_share_over_all() -> None:
+    """One in ten of it alone is too much over all."""
+    found = tried(between_reversed_20={"depth/no_power": 20, "content/no_power": 180})
+    assert found.misses() == ["false depth of adversaries: 20 of 200, wanted 0.01"]
+    assert tried(patched_25={"depth/no_power": 20, "content/no_power": 180}).misses() == []
+
+
+@pytest.mark.parametrize(("label", "missed"), [("depth", False), ("partial_depth", False), ("content", True)])
+def test_one_that_brakes_near_alone_may_be_told_of_the_rest(label: str, missed: bool) -> None:  # noqa: FBT001
+    """Who brakes by distance all over the range may not."""
+    assert bool(tried(emergency={f"{label}/no_power": 200}).misses()) is missed
+    assert bool(tried(logistic={f"{label}/no_power": 200}).misses()) is (label != "depth")
 
 
 @pytest.mark.parametrize("name", SETTINGS)

@@ -289,7 +289,7 @@ def test_a_policy_of_an_imported_bank_gets_a_verdict(tmp_path: Path, monkeypatch
             "rig: the motion 1 is declared as column 'a7': t.csv has no column 'a7'; it has front",
         ),
         ('"j0", "j1"]', '"j0", "j1", "j7"]', "rig: the state joints 2 is declared as column 'j7': t.csv has no column"),
-        ("horizon = 3", "horizon = 30", "no episode has 30 consecutive steps, and the longest one has 9"),
+        ("horizon = 3", "horizon = 30", "no episode has 30 consecutive steps, and at most 9 follow each other"),
     ],
 )
 def test_a_motion_that_the_table_does_not_have_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
@@ -299,6 +299,14 @@ def test_a_motion_that_the_table_does_not_have_is_one_line(tmp_path: Path, old: 
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "bank").exists()
+
+
+def test_a_horizon_that_gaps_leave_no_room_for_is_refused_with_the_longest_that_fits(tmp_path: Path) -> None:
+    """That of the rows that follow each other, not of all rows of an episode; with it the bank is made."""
+    lines = [line for line in rows(tmp_path) if line.split(",")[3] not in {"2", "6"}]
+    with pytest.raises(SourceError, match="no episode has 4 consecutive steps, and at most 3 follow each other"):
+        imported(tmp_path, lines, RIG.replace("horizon = 3", "horizon = 4"))
+    assert sum(bool(frame.motion) for frame in imported(tmp_path, lines)) == EPISODES
 
 
 def test_a_cell_that_is_no_number_is_a_fault_and_episodes_are_needed(tmp_path: Path) -> None:

@@ -290,6 +290,20 @@ def test_a_column_that_was_guessed_is_named_with_its_price(table: Table) -> None
     assert "'scenario': ''" in price
 
 
+def test_a_column_without_a_place_is_named(table: Table) -> None:
+    """As one in another language, which no list of usual names has."""
+    bank = table(column="Abstand", extra={"Wetter": ["rain"] * PICTURES}, columns={}, threshold=None, unit="")
+    (line,) = [one for one in taken(bank) if "without a place" in one]
+    assert line.endswith(": Abstand, Wetter; --map gap=COLUMN names the distance ahead")
+
+
+def test_a_stratum_has_its_place(table: Table) -> None:
+    """What a claim is tested within is read."""
+    bank = table(extra={"Abstand": GAPS, "Wetter": ["rain"] * PICTURES}, strata=("Wetter",))
+    (line,) = [one for one in taken(bank) if "without a place" in one]
+    assert line == "columns without a place, kept as ground truth: Abstand; --map PLACE=COLUMN gives one a place"
+
+
 def test_a_column_that_was_given_is_not_called_guessed(table: Table) -> None:
     """Neither by the manifest nor in words."""
     places = [f"place {number // 4}" for number in range(PICTURES)]

@@ -313,7 +313,10 @@ def test_usual_names_of_columns_are_taken_and_said(photos: Path, tmp_path: Path)
     assert bank.manifest.absent == ()
     assert bank.frames[0].id == str(photographs.rows()[0]["photo"])
     places = "file from 'Image Path', gap from 'Distance_m' in m, episode from 'Sequence', step from 'Frame-Number'"
-    assert taken(bank) == [f"columns, guessed by their names: {places}, scenario from 'Location'"]
+    assert taken(bank) == [
+        f"columns, guessed by their names: {places}, scenario from 'Location'",
+        "columns without a place, kept as ground truth: speed; --map PLACE=COLUMN gives one a place",
+    ]
 
 
 def test_the_places_own_names_are_taken_in_whatever_letters(photos: Path, tmp_path: Path) -> None:

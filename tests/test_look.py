@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -232,9 +233,14 @@ def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_pict
     note[ORIENTATION] = 3
     with Image.open(first) as picture:
         picture.rotate(180).save(first, exif=note)
-    (here / "needs_one.py").write_text("def decide(prompt, image):\n    return 'STOP' if image[:1] else 'SLOW'\n")
+    (here / "needs_one.py").write_text(
+        "from pathlib import Path\n\n\ndef decide(prompt, image):\n"
+        "    if image is None and not Path('mended').exists():\n        raise TypeError('no picture')\n"
+        "    return 'STOP'\n"
+    )
     words = ["--map", "gap=lidar_m", "--threshold", 18, "--unit", "m"]
-    done = look("needs_one:decide", "--photos", "photos", "--table", "photos.csv", *words)
+    pictures = ["--photos", "photos", "--table", "photos.csv"]
+    done = look("needs_one:decide", *pictures, *words)
     assert "converted to PNG: 1 pictures (1 turned)" in done.stderr
     assert "columns, guessed by their names: " in done.stderr
     said = flat(done.stdout)
@@ -244,6 +250,13 @@ def test_what_a_telephone_turned_by_a_note_is_turned_and_an_error_without_a_pict
     assert "TypeError" in said
     gate = CliRunner().invoke(app, ["gate", "looks/python-needs_one-decide/run", "--require", "looks"])
     assert gate.exit_code == 2
+    again = json.loads(look("needs_one:decide", *pictures, *words, "--json").stdout)["next"][0]
+    assert again.endswith("--out looks/python-needs_one-decide --again")
+    (here / "mended").touch()
+    done = look(*shlex.split(again)[2:])
+    assert "python:needs_one:decide: at most 12 calls" in done.stderr
+    assert "ended in an error" not in flat(done.stdout)
+    assert "--again" not in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from eyechart.calls import Emptiness, Query, Reply
 from eyechart.costs import ASSUMED_IN, assumed
 from eyechart.errors import LedgerError, SpecError
 from eyechart.frames import Camera, FrameBank, Stimulus, encode
-from eyechart.messages import MOST_EXAMPLE_BYTES
+from eyechart.messages import MOST_EXAMPLE_BYTES, PromptMessage, PromptPicture, Role
 from eyechart.models import open_model
 from eyechart.models.huggingface.checkpoint import conversation as chat
 from eyechart.models.python_callable import hold
@@ -243,6 +243,15 @@ def test_a_fault_in_a_file_is_named(tmp_path: Path, text: str, says: str) -> Non
     with pytest.raises(SpecError, match=says) as refused:
         written(folder, text)
     assert "ask.toml" in str(refused.value)
+
+
+@pytest.mark.parametrize("role", ["assistant", "system"])
+def test_a_message_that_is_made_by_hand_holds_no_picture_of_another_role(role: Role) -> None:
+    """No service takes one, and some leave it out in silence."""
+    for text, pictures in (("{picture:front}", ()), ("STOP", (PromptPicture("near.png", NEAR),))):
+        with pytest.raises(SpecError, match="only a message of the user may hold pictures"):
+            PromptMessage(role, text, pictures)
+    assert PromptMessage(role, "STOP").texts == ("STOP",)
 
 
 @pytest.fixture(scope="module")

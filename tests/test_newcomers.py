@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from eyechart.calibrate.world import SETTINGS, make_world
 from eyechart.models.scripted import PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
+from eyechart_organisms.calibration.world import SETTINGS, make_world
 from newcomers import (
     ADVERSARIES_BY_KIND,
     NEWCOMERS,

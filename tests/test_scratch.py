@@ -49,3 +49,37 @@ def test_the_copies_of_a_killed_process_are_cleared_at_the_next_start(
             one.kill()
             one.communicate()
     assert not folder.exists()
+
+
+STEPS = """
+import os, sys
+from eyechart.scratch import scratch
+seen = 0
+def killed(event, args):
+    global seen
+    changes = event in {"os.remove", "os.rmdir", "os.mkdir"} or event == "open" and str(args[0]).endswith(".held")
+    seen += changes and (seen > 0 or "eyechart-" in str(args[0]))
+    if seen > int(sys.argv[1]):
+        os._exit(9)
+sys.addaudithook(killed)
+with scratch("ledger") as folder:
+    (folder / "a").write_text("a")
+"""
+
+
+def test_a_folder_is_cleared_whenever_its_process_was_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before its lock was there, and at each step of its removal."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(module, "_YOUNG_S", -1.0)
+    left = set()
+    for moment in range(20):
+        command = [sys.executable, "-c", STEPS, str(moment)]
+        done = subprocess.run(command, env={**os.environ, "TMPDIR": str(tmp_path)}, check=False)
+        left.add(len(list(tmp_path.iterdir())))
+        module._clear.cache_clear()
+        module._clear(str(tmp_path))
+        assert list(tmp_path.iterdir()) == []
+        if done.returncode == 0:
+            break
+    assert done.returncode == 0
+    assert left == {0, 1}

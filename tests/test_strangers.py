@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eyechart.calibrate.world import LANE_M, NO_PICTURE, NOISE, SETTINGS, UNIFORM, make_world
 from eyechart.frames import open_bank
 from eyechart.models.scripted import PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import CLEAR_AHEAD_M, CLEAR_BEHIND_M, Other
 from eyechart_organisms.adversaries import ADVERSARIES, Adversary, ahead, hashed
+from eyechart_organisms.calibration.world import LANE_M, NO_PICTURE, NOISE, SETTINGS, UNIFORM, make_world
 from newcomers import NEWCOMERS
 from strangers import (
     ENDS,

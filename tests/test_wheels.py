@@ -1,5 +1,6 @@
 """What a release must be: the checks find each thing that is wrong with a wheel."""
 
+import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from check_wheel import EYECHART, ORGANISMS, Distribution, main, problems
+from try_wheel import found as found_python
+from try_wheel import pythons_of
 
 Files = dict[str, str]
 ABOUT = "eyechart_organisms-1.2.dist-info"
@@ -94,3 +97,52 @@ def test_the_two_have_one_version_and_ask_for_each_other() -> None:
     assert f'"eyechart-organisms=={version}"' in (root / "pyproject.toml").read_text(encoding="utf-8")
     assert f'"eyechart=={version}"' in (root / "organisms" / "pyproject.toml").read_text(encoding="utf-8")
     assert (root / "organisms" / "LICENSE").read_bytes() == (root / "LICENSE").read_bytes()
+
+
+@pytest.fixture
+def pyenv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of versions of a pyenv, with a path that has no other Python."""
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    return tmp_path / "versions"
+
+
+def kept(pyenv: Path, version: str) -> str:
+    """Have pyenv hold a Python; returns its path."""
+    python = pyenv / version / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.touch()
+    return str(python)
+
+
+def test_a_python_that_runs_this_is_taken_as_it_is(pyenv: Path) -> None:
+    """Its requirements are installed already."""
+    here = f"{sys.version_info.major}.{sys.version_info.minor}"
+    kept(pyenv, f"{here}.99")
+    assert found_python(f"python{here}") == sys.executable
+
+
+def test_the_newest_of_pyenv_is_found(pyenv: Path) -> None:
+    """By number, not by letter, and of no other minor version; a name on the path that does not run is passed over."""
+    shim = pyenv.parent / "bin" / "python3.99"
+    shim.parent.mkdir()
+    shim.write_text("#!/bin/sh\nexit 127\n")
+    shim.chmod(0o755)
+    assert found_python("python3.99") is None
+    kept(pyenv, "3.99.9")
+    kept(pyenv, "3.9.99")
+    newest = kept(pyenv, "3.99.10")
+    assert found_python("python3.99") == newest
+    shim.write_text("#!/bin/sh\nexit 0\n")
+    assert found_python("python3.99") == "python3.99"
+
+
+def test_a_python_that_is_missing_is_named(pyenv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A release ends there; where those that there are are tried, at least one must be."""
+    python, names = kept(pyenv, "3.99.1"), ["python3.98", "python3.99"]
+    assert pythons_of(names, if_there=True) == [python]
+    assert capsys.readouterr().out == "try_wheel: NOT TRIED: there is no python3.98 here\n"
+    with pytest.raises(SystemExit, match=r"there is no python3\.98;"):
+        pythons_of(names, if_there=False)
+    with pytest.raises(SystemExit, match=r"there is no python3\.97, python3\.98;"):
+        pythons_of(["python3.97", "python3.98"], if_there=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-SOURCE = Path(__file__).parents[1] / "src" / "eyechart"
+SOURCE = Path(__file__).parents[1] / "src"
 
-STAY = {"testing.py", "importing", "verdicts/ruling.py"}
+STAY = {"eyechart/testing.py", "eyechart/importing", "eyechart/verdicts/ruling.py"}
 """Names in -ing that are nouns: two that users know, and a ruling."""
 
 PRIVATE_CLASSES = """

@@ -1,11 +1,16 @@
-"""Install both wheels into fresh environments and try them there. Usage: try_wheel.py dist [PYTHON ...].
+"""Install both wheels into fresh environments and try them there.
+
+Usage: try_wheel.py dist [--if-there] [PYTHON ...]. A PYTHON is python3.12, or a path; pyenv's is found where the name
+is not on the path. With --if-there one that is missing is named and left out; else it ends the program.
 
 Without a PYTHON it is this one, whose installed requirements are used; for others they are installed once, into
 build/requirements. The wheels themselves come from the folder alone. In an empty folder it is tried what the core does,
-what it says where the organisms are missing, and that they are found once they are installed.
+what it says where the organisms are missing, and that they are found once they are installed. All Pythons are tried
+side by side.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +19,7 @@ import time
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from email import message_from_bytes
+from functools import partial
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -44,12 +50,35 @@ def expect(words: str, said: str) -> None:
         sys.exit(f"try_wheel: '{words}' was expected, and not said:\n{said}")
 
 
-def version_of(python: str) -> str:
-    """Return the version of a Python, as 3.12; ends the program where there is none of that name."""
-    if shutil.which(python) is None:
+def found(named: str) -> str | None:
+    """Return the Python of a name: this one, one on the path, or pyenv's newest of that version; None without one."""
+    version = named.removeprefix("python")
+    if version == f"{sys.version_info.major}.{sys.version_info.minor}":
+        return sys.executable
+    if shutil.which(named) and subprocess.run((named, "-c", ""), capture_output=True, check=False).returncode == 0:
+        return named
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv")
+    kept = [*pyenv.glob(f"versions/{version}.*/bin/python")]
+    return str(max(kept, key=lambda one: [int(part) for part in re.findall(r"\d+", one.parts[-3])])) if kept else None
+
+
+def pythons_of(named: list[str], *, if_there: bool) -> list[str]:
+    """Return the Pythons to try; ends the program where one is missing, or with ``if_there`` where all are."""
+    there = {one: found(one) for one in named}
+    missing = [one for one, python in there.items() if python is None]
+    result = [python for python in there.values() if python is not None]
+    if missing and not (if_there and result):
         sys.exit(
-            f"try_wheel: there is no {python}; name those that there are: make release PYTHONS='/path/to/python …'"
+            f"try_wheel: there is no {', '.join(missing)}; "
+            "name those that there are: make release PYTHONS='/path/to/python …'"
         )
+    for one in missing:
+        print(f"try_wheel: NOT TRIED: there is no {one} here", flush=True)
+    return result
+
+
+def version_of(python: str) -> str:
+    """Return the version of a Python, as 3.12."""
     return run(python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])").strip()
 
 
@@ -122,6 +151,8 @@ def try_in(python: str, dist: Path) -> str:
 
 
 if __name__ == "__main__":
-    where, *pythons = sys.argv[1:]
-    for one in pythons or [sys.executable]:
-        print(try_in(one, Path(where).resolve()), flush=True)
+    where, *named = (one for one in sys.argv[1:] if one != "--if-there")
+    pythons = pythons_of(named, if_there="--if-there" in sys.argv) if named else [sys.executable]
+    with ThreadPoolExecutor() as side_by_side:
+        for said in side_by_side.map(partial(try_in, dist=Path(where).resolve()), pythons):
+            print(said, flush=True)

@@ -97,7 +97,8 @@ class PromptMessage:
 
     In the ``text``, ``{picture:CAMERA}`` is the place of a camera's picture, ``{picture:CAMERA@-1}``
     that of one instant before, and ``{picture:FILE}`` that of an example. Examples without a place
-    come before the words. Raises SpecError for a malformed place.
+    come before the words. Raises SpecError for a malformed place, and for pictures of another role
+    than the user's.
     """
 
     role: Role
@@ -105,7 +106,8 @@ class PromptMessage:
     pictures: tuple[PromptPicture, ...] = ()
 
     def __post_init__(self) -> None:
-        _pieces(self.text)
+        if (has_place(self.text) or self.pictures) and self.role != "user":
+            raise SpecError("only a message of the user may hold pictures")
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -274,8 +276,6 @@ def _message(one: object, picture: Callable[[object], PromptPicture]) -> PromptM
     message = PromptMessage(cast("Role", role), text, tuple(map(picture, pictures)))
     if len({example.file for example in message.pictures}) < len(message.pictures):
         raise SpecError("a picture is named twice")
-    if role != "user" and (message.pictures or has_place(text)):
-        raise SpecError("only a message of the user may hold pictures")
     if not text.strip() and not message.pictures:
         raise SpecError("it has neither text nor pictures")
     return message

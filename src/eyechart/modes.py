@@ -231,9 +231,30 @@ def read_mode(path: Path) -> RequestMode:
     return RequestMode.from_dict(read_toml(path), str(path))
 
 
+def mode_of(spec: str, given: Mapping[str, object]) -> RequestMode:
+    """Return a SPEC's request mode with these fields; raises SpecError that names a wrong one."""
+    return RequestMode.from_dict({"spec": spec, **given}, f"the options of {without_secrets(spec)}")
+
+
 def mode_text(mode: RequestMode) -> str:
     """Return a mode as TOML, which reads back as the same mode."""
     return tomli_w.dumps(mode.as_dict())
+
+
+def untried_text(mode: RequestMode) -> str:
+    """Return one of the paper's modes as TOML, below whose it is and what the paper does not say."""
+    said = f"# {mode.about['paper']} of the paper's {mode.about['arm']} arm. Never tried: run 'eyechart probe' first.\n"
+    if mode.spec.startswith("openai:"):
+        said += "# The paper names no endpoint: set base_url to the server's address, and spec to its model name.\n"
+        said += '# base_url = "https://…/v1"\n# key_env = "…"\n'
+    return said + mode_text(mode)
+
+
+def untried_words(mode: RequestMode) -> str:
+    """Return one of the paper's modes in a line: its model, and how it was asked."""
+    asked = f"{mode.max_tokens} tokens, {mode.structured}, temperature {mode.temperature:g}"
+    thinks = "" if "think" not in mode.options else f", think {str(mode.options['think']).lower()}"
+    return f"the paper's {mode.about['paper']} ({mode.about['arm']} arm): {mode.spec}, {asked}{thinks}; untested"
 
 
 def write_mode(path: Path, mode: RequestMode) -> None:

@@ -231,6 +231,12 @@ class WrittenFiles:
     removed: tuple[Path, ...] = ()
     kept: tuple[Path, ...] = ()
 
+    def lines(self) -> Iterator[str]:
+        """Yield what happened to each file."""
+        yield from (f"wrote    {path}" for path in self.files)
+        yield from (f"removed  {path}: an earlier call wrote it, and these runs do not" for path in self.removed)
+        yield from (f"kept     {path}: an earlier call wrote it, and it was changed since" for path in self.kept)
+
 
 def write(found: Artefacts, folder: Path) -> WrittenFiles:
     """Write tables as CSV, Markdown and LaTeX, figures as SVG and PDF; remove old files.

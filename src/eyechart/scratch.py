@@ -11,6 +11,7 @@ from pathlib import Path
 
 _HELD = ".held"
 """The file that its process locks; a process id would mean nothing in another container."""
+_MADE = "made"
 _YOUNG_S = 5.0
 """A younger folder may not be locked yet."""
 
@@ -20,9 +21,12 @@ def scratch(what: str) -> Iterator[Path]:
     """Yield an empty folder for a copy of ``what`` during the block."""
     _clear(tempfile.gettempdir())
     with tempfile.TemporaryDirectory(prefix=f"eyechart-{what}-") as folder, _held(Path(folder)):
-        made = Path(folder) / "made"
+        made = Path(folder) / _MADE
         made.mkdir()
-        yield made
+        try:
+            yield made
+        finally:  # a kill from here on leaves a folder that has its lock, or an empty one
+            shutil.rmtree(made, ignore_errors=True)
 
 
 @contextmanager
@@ -44,11 +48,16 @@ def _held(folder: Path) -> Iterator[bool]:
 
 @cache
 def _clear(where: str) -> None:
-    """Remove unlocked folders, once per process, which may open thousands of ledgers."""
+    """Remove unlocked folders and empty ones, once per process, which may open thousands of ledgers."""
+    for path in Path(where).glob("eyechart-*-????????"):
+        with suppress(OSError):  # another user's, in use, or gone
+            if path.stat().st_uid == os.getuid() and time.time() - path.stat().st_mtime > _YOUNG_S:
+                path.rmdir()
     for path in Path(where).glob("eyechart-*/" + _HELD):
         with suppress(OSError):  # another user's, or gone
             old = time.time() - path.stat().st_mtime > _YOUNG_S
             if not path.parent.is_symlink() and path.parent.stat().st_uid == os.getuid() and old:
                 with _held(path.parent) as free:
                     if free:
+                        shutil.rmtree(path.parent / _MADE, ignore_errors=True)
                         shutil.rmtree(path.parent, ignore_errors=True)

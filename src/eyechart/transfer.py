@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -11,8 +11,8 @@ from typing import Protocol
 
 from eyechart.errors import SpecError, did_you_mean, raising, read_at_most
 from eyechart.records import JsonRecord
-from eyechart.report.table import Column, Table, columns
-from eyechart.stats.correlation import pearson, spearman
+from eyechart.report.table import Column, Table, columns, number, p_value
+from eyechart.stats.correlation import Correlation, pearson, spearman
 from eyechart.stats.statistic import ModelStatistics, Statistic
 
 MEASURE = "mutual_information.decision"
@@ -46,6 +46,22 @@ class Transfer(JsonRecord):
     left_out: tuple[str, ...]
     unfinished: tuple[str, ...] = ()
 
+    def lines(self) -> Iterator[str]:
+        """Yield the cells, what was left out, and both correlations, a line each."""
+        for cell in self.cells:
+            mean = f" (mean of {cell.runs} runs)" if cell.runs > 1 else ""
+            yield f"{cell.model} on {cell.bank}: score {cell.score:g}, {self.measure} {cell.measured:.3f}{mean}"
+        yield from (f"left out: {line}" for line in self.left_out)
+        yield from (f"unfinished: {line}" for line in self.unfinished)
+        for name, one in (("Pearson", self.pearson), ("Spearman", self.spearman)):
+            interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+            how = ""
+            if isinstance(one, Correlation):
+                exact = "" if one.p_exact is None else f"; over all orders {p_value(one.p_exact)}"
+                how = f" ({one.how}{exact})"
+            why = f" ({one.note})" if one.note else ""
+            yield f"{name} r = {number(one.value)}, 95 % interval {interval}, p {p_value(one.p)}{how}, n {one.n}{why}"
+
 
 def read_scores(path: Path) -> dict[str, float]:
     """Read a CSV file with the columns ``model`` (a SPEC as in runs) and ``score`` (a number).
@@ -63,16 +79,16 @@ def read_scores(path: Path) -> dict[str, float]:
 
 def _scores(path: Path, rows: "csv.DictReader[str]") -> dict[str, float]:
     scores: dict[str, float] = {}
-    for number, row in enumerate(rows, start=2):
+    for line, row in enumerate(rows, start=2):
         model, text = (row["model"] or "").strip(), (row["score"] or "").strip()
         try:
             score = float(text)
         except ValueError:
-            raise SpecError(f"{path}, row {number}: the score of '{model}' is '{text}', not a number") from None
+            raise SpecError(f"{path}, row {line}: the score of '{model}' is '{text}', not a number") from None
         if not math.isfinite(score):
-            raise SpecError(f"{path}, row {number}: the score of '{model}' is '{text}', not a finite number")
+            raise SpecError(f"{path}, row {line}: the score of '{model}' is '{text}', not a finite number")
         if model in scores:
-            raise SpecError(f"{path}, row {number}: '{model}' has two scores; give each model one")
+            raise SpecError(f"{path}, row {line}: '{model}' has two scores; give each model one")
         scores[model] = score
     return scores
 

@@ -27,11 +27,11 @@ STOP_M, FREE_M = HIGHWAY.stop_m, HIGHWAY.free_m
 class Adversary:
     """A rule, what it does in words, and what it deserves.
 
-    ``follows`` says whether its braking follows the distance of the lead, None where nothing is asked of the verdict:
-    it does so weakly, is the wrong way round only where few frames are, or reads it wrongly now and then behind so much
-    noise that it cannot be told. ``looks`` says
+    ``follows`` says whether its braking follows the distance of the lead. It is None where any verdict may be given:
+    the braking follows weakly, is the wrong way round on few frames only, or hides its errors in noise. ``looks`` says
     whether an answer depends on what a picture shows, None where that is on fewer frames than the margin of an absence.
-    ``turns`` says whether it turns to the clear side.
+    ``turns`` says whether it turns to the clear side. ``near`` says that it brakes by distance near alone, so that
+    ``partial_depth`` is as right as ``depth``.
     """
 
     says: str
@@ -39,12 +39,15 @@ class Adversary:
     follows: bool | None = False
     looks: bool | None = True
     turns: bool | None = False
+    near: bool = False
 
     @property
     def deserves(self) -> str:
         """Return what it deserves in words."""
         if self.follows is None:
             return "nothing asked"
+        if self.near:
+            return "depth or partial_depth"
         return "depth" if self.follows else "no depth, no sight" if self.looks is False else "no depth"
 
     def may_be_wronged(self, claim: str) -> bool:
@@ -464,7 +467,9 @@ ADVERSARIES: Mapping[str, Adversary] = {
         "brakes below 20 m, but not below 9 m on 18 % of the frames; where it does not, the way is a coin",
         _turning_hole(0.18),
     ),
-    "patched_25": Adversary("grades, but in each of five comparisons it is wrong on 5 % of the frames", _patched(0.05)),
+    "patched_25": Adversary(
+        "grades, but in each of five comparisons it is wrong on 5 % of the frames", _patched(0.05), follows=None
+    ),
     "between_reversed_20": Adversary(
         "grades, but between 9 and 49 m goes on near and stops far on a fifth of the frames", _between_reversed(0.20)
     ),
@@ -478,6 +483,7 @@ ADVERSARIES: Mapping[str, Adversary] = {
     "exchange_reversed_35": Adversary(
         "grades, the wrong way round on 35 % of the frames where a neighbour is near, or far and the lead near",
         _reversed(0.0, lambda one: hashed(one) < 0.35 and _exchanged(one)),
+        follows=None,
     ),
     "reversed_merge": Adversary(
         "grades, the wrong way round at ramps and on two lanes", _reversed(0.0, lambda one: one.place == 0)
@@ -572,7 +578,10 @@ ADVERSARIES: Mapping[str, Adversary] = {
         for share in (0.1, 0.3, 0.5)
     },
     "emergency": Adversary(
-        "stops below 9 m, else goes on", road(lambda one, _: "STOP" if lead(one) < 9.0 else "STRAIGHT"), follows=True
+        "stops below 9 m, else goes on",
+        road(lambda one, _: "STOP" if lead(one) < 9.0 else "STRAIGHT"),
+        follows=True,
+        near=True,
     ),
     "early": Adversary("slows below 55 m", road(lambda one, _: "SLOW" if lead(one) < 55 else "STRAIGHT"), follows=True),
     "logistic": Adversary("stops by a chance that falls with distance", road(_logistic), follows=True),

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from eyechart.cli.guardian import _point
 from eyechart.errors import EyechartError, did_you_mean, suggestion
 from eyechart.importing import Choices, import_table
 from eyechart.models import open_model
 from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator, open_simulator
 from eyechart.spaces.motion import read_kind
+from eyechart.studies.guardian import read_point
 
 MISTYPED: dict[str, tuple[Callable[[Path], object], str]] = {
     "a place": (
@@ -20,7 +20,7 @@ MISTYPED: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a preset": (lambda tmp: open_bank_simulator("rover").build(tmp / "bank", preset="balancd"), "balanced"),
     "a mode's field": (lambda _: RequestMode("openai:m", structured="json_schem"), "json_schema"),  # type: ignore[arg-type]
-    "a point": (lambda _: _point("unanimos"), "unanimous"),
+    "a point": (lambda _: read_point("unanimos"), "unanimous"),
     "a kind": (lambda _: read_kind("absolut"), "absolute"),
 }
 

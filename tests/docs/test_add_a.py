@@ -16,6 +16,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 PAGES = (
     "add-a-condition.md",
     "add-a-model.md",
+    "add-a-policy.md",
     "add-an-importer.md",
     "add-a-simulator.md",
     "add-a-statistic.md",

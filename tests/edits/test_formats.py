@@ -174,12 +174,13 @@ def test_a_role_is_taken_as_it_is_annotated(tmp_path: Path) -> None:
     ("name", "change", "words"),
     [
         ("kitti", "Car 0.00 0 0.1 3 4", "000000.txt, line 1 has not the 15 fields of KITTI's labels"),
-        ("kitti", "Car a b c", "000000.txt, line 1: could not convert string to float: 'a'"),
+        ("kitti", "Car a b c", "000000.txt, line 1: could not convert string to float: 'a'; it has not the 15 fields"),
         ("kitti", "Car 0 0 0 90 50 60 80 1 1 4 0 1 9 0", "000000.txt, line 1: its box is empty"),
         ("yolo", "0 0.5 0.5 0.1", "000000.txt, line 1 has not the class and four numbers of a box"),
         ("yolo", "0 120 40 30 20", "its numbers must be shares of the picture"),
         ("yolo", "0 0.5 0.5 0.1 0.1 -4", "the distance is -4; it is more than 0"),
         ("yolo", "0 0.5 0.5 0 0.1", "its box is empty"),
+        ("yolo", "0 0.5 0.5 0.1 0.1 0.9\n0 0.2 0.5 0.1 0.1 0.4", "no distance is above 1, as if the last number"),
         ("mot", "99,1,2,3,4,5", "there is no picture of instant 99"),
         ("mot", "0,1,2,3,0,5", "its box is empty"),
         ("mot", "0,1,2", "gt.txt, line 1 has not the six numbers of MOT"),
@@ -219,6 +220,7 @@ def test_a_broken_table_of_nuscenes_is_named(tmp_path: Path) -> None:
         (lambda whole: whole["annotations"][0]["attributes"].update(distance_m=10**400), "distance_m is '1000"),
         (lambda whole: [one["attributes"].update(role="lead") for one in whole["annotations"]], "one object leads"),
         (lambda whole: whole["images"].append({**whole["images"][0], "id": 2}), "is already in instances.json, image"),
+        (lambda whole: whole["images"].append(dict(whole["images"][0])), "2 images have the id '000000.png'"),
     ],
 )
 def test_what_would_empty_a_road_in_silence_is_a_fault(
@@ -232,6 +234,57 @@ def test_what_would_empty_a_road_in_silence_is_a_fault(
     with pytest.raises(SourceError) as caught:
         read_format("coco", photos, objects, None)
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("occluded", 0.8, "occluded is 0.8; it is 0 for visible"),
+        ("occluded", 4, "occluded is 4; it is 0 for visible"),
+        ("truncated", 30, "truncated is 30; it is the share outside of the picture, from 0 to 1"),
+    ],
+)
+def test_a_share_is_no_step_and_a_per_cent_no_share(name: str, value: float, words: str, tmp_path: Path) -> None:
+    """A lead that is hidden by four fifths would pass for a visible one."""
+    photos, objects = coco(tmp_path, DRAWN[:1])
+    whole = json.loads(objects.read_text())
+    whole["annotations"][0]["attributes"][name] = value
+    objects.write_text(json.dumps(whole))
+    with pytest.raises(SourceError) as caught:
+        read_format("coco", photos, objects, None)
+    assert f"instances.json, annotation 0: {words}" in str(caught.value)
+
+
+def test_runs_of_another_size_than_the_picture_cut_nothing_out(tmp_path: Path) -> None:
+    """The photograph is refused with its reason, and the others are edited."""
+    photos, objects = coco(tmp_path, DRAWN)
+    whole = json.loads(objects.read_text())
+    size = whole["annotations"][1]["segmentation"]["size"]
+    pixels = size[0] * size[1]
+    whole["annotations"][1]["segmentation"] = {"size": [size[0] * 2, size[1]], "counts": [pixels, 9, pixels - 9]}
+    objects.write_text(json.dumps(whole))
+    text = "".join(f"{one.file},{HORIZON},right\n" for one in DRAWN)
+    (tmp_path / "photos.csv").write_text(f"file,horizon,beside\n{text}")
+    ways = ("--lane", str(LANE_M), "--eye", str(EYE_M), "--table", str(tmp_path / "photos.csv"))
+    result = edit("coco", photos, objects, tmp_path / "out", *ways)
+    assert result.exit_code == 0, result.exception
+    refused = json.loads((tmp_path / "out" / "edit.json").read_text())["refused"]
+    words = f"annotation 1: the mask: it has {size[1]}×{size[0] * 2} pixels, and its picture {size[1]}×{size[0]}"
+    assert [(one["file"], one["reason"].partition(", ")[2]) for one in refused] == [(DRAWN[0].file, words)]
+
+
+def test_pictures_without_a_word_of_them_are_counted(tmp_path: Path) -> None:
+    """They are left out, and boxes that are no pixels leave nothing on the own way."""
+    photos, objects = kitti(tmp_path, DRAWN)
+    (objects / "000001.txt").unlink()
+    ways = ("--lane", str(LANE_M), "--eye", str(EYE_M))
+    assert (
+        "1 picture is in no annotation, and left out" in edit("kitti", photos, objects, tmp_path / "out", *ways).output
+    )
+    for labels in objects.glob("*.txt"):
+        labels.write_text("Car 0 0 0 0.4 0.3 0.6 0.5 1 1 4 0 1 9 0\n")
+    said = str(edit("kitti", photos, objects, tmp_path / "none", *ways).exception)
+    assert "nothing stands on the own way by --lane, --eye, the horizon, and boxes in pixels" in said
 
 
 def test_a_region_that_was_not_annotated_is_an_attribute_too(tmp_path: Path) -> None:
@@ -302,6 +355,26 @@ def test_a_thing_at_the_camera_empties_no_road(tmp_path: Path) -> None:
     (objects / "sample_annotation.json").write_text(json.dumps(boxes))
     with pytest.raises(SourceError, match=r"stands before the camera, nearer than 0\.5 m"):
         read_format("nuscenes", photos, objects, None)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("sample_token", "gone", "no sample has its sample_token 'gone'"),
+        ("token", None, "sample_annotation.json has two rows of the token"),
+        ("size", [1.5, 0, 1.2], "Expected `float` > 0.0"),
+        ("size", [1.5, -2, 1.2], "Expected `float` > 0.0"),
+    ],
+)
+def test_no_box_of_nuscenes_is_lost_or_turned_in_silence(field: str, value: object, words: str, tmp_path: Path) -> None:
+    """A box of another sample, two of one token, and one without a size."""
+    photos, objects = nuscenes(tmp_path, DRAWN[:1])
+    boxes = json.loads((objects / "sample_annotation.json").read_text())
+    boxes[0][field] = value or boxes[1][field]
+    (objects / "sample_annotation.json").write_text(json.dumps(boxes))
+    with pytest.raises(SourceError) as caught:
+        read_format("nuscenes", photos, objects, None)
+    assert words in str(caught.value)
 
 
 @pytest.mark.parametrize(

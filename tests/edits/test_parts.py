@@ -194,11 +194,12 @@ def test_a_mask_is_a_file_or_corners_or_what_is_found_in_the_box(
     assert from_corners("0,0 9,0 9,9; 20,20 29,20 29,29", 50, 40)[25, 27]
     for mask, words in (
         ("no.png", "row 3: the mask: there is no file 'no.png'"),
-        ("low.png", "'low.png' has 50×30 pixels, and its picture 50×40"),
+        ("low.png", "row 3: the mask: it has 50×30 pixels, and its picture 50×40"),
         ("1,2 3", "is neither a .png file nor corners"),
         ("1,2 3,x 4,5", "'x' is no coordinate"),
         ("../m.png", "leads outside"),
         ("0,0 4,0 4,4", "are not of one object"),
+        ("10,10 30,30 30,29", "it is less than 10% of its box"),
     ):
         with pytest.raises(SourceError, match=words.replace("(", r"\(")):
             found(mask)

@@ -16,7 +16,6 @@ import pytest
 import banks
 import guests_of_ray
 from eyechart import api, cli
-from eyechart.calibrate import calibrate
 from eyechart.calibrate.policies import try_rules
 from eyechart.calls import Query
 from eyechart.clusters import require_engine
@@ -28,6 +27,7 @@ from eyechart.models import actors, open_model
 from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import policy
+from eyechart_organisms.calibration import calibrate
 from ray_cluster import two_nodes, workers_after, workers_there
 
 pytestmark = pytest.mark.models

@@ -10,13 +10,12 @@ from urllib.parse import quote
 import pytest
 
 from eyechart.calls import Query, Reply
-from eyechart.cli.options import mode_of
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus
 from eyechart.keys import without_keys
 from eyechart.models import ask
 from eyechart.models.python_callable import PythonCallable
-from eyechart.modes import RequestMode
+from eyechart.modes import RequestMode, mode_of
 
 
 @pytest.mark.parametrize("whole", [True, False], ids=["a Reply", "a text"])

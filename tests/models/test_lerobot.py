@@ -27,7 +27,7 @@ from eyechart.errors import EyechartError, SpecError
 from eyechart.frames import FrameBank, Stimulus, encode
 from eyechart.ledger import Ledger
 from eyechart.manifest import read_manifest
-from eyechart.models import lerobot, open_model
+from eyechart.models import lerobot, open_model, open_policy
 from eyechart.models.lerobot.process import LENGTHS, MOST_BYTES, read_message
 from eyechart.modes import RequestMode
 from eyechart.simulators import open_bank_simulator
@@ -337,6 +337,12 @@ def test_what_cannot_be_called_is_refused_before_a_process_loads_it(fault: str, 
     make(folder)
     with pytest.raises(SpecError, match=words):
         opened(folder)
+
+
+def test_an_option_of_served_models_is_refused_with_what_names_its_python() -> None:
+    """Of which somebody may think who looks for its Python."""
+    with pytest.raises(SpecError, match=r"options would not change 'lerobot:x'.*; EYECHART_LEROBOT_PYTHON names its"):
+        open_policy(RequestMode("lerobot:x", options={"python": "python3.12"}))
 
 
 def test_an_id_of_the_hub_is_answered_with_what_downloads_it() -> None:

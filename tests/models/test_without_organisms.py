@@ -8,7 +8,6 @@ import pytest
 from typer.testing import CliRunner
 
 import eyechart_organisms
-from eyechart.calibrate import calibrate
 from eyechart.cli.app import app
 from eyechart.errors import SpecError
 from eyechart.models import known_models, open_model
@@ -51,8 +50,6 @@ def test_a_command_says_what_to_install(
 def test_python_says_the_same() -> None:
     """Of the known names; one that there is not is said to be unknown."""
     with pytest.raises(SpecError, match="needs eyechart-organisms"):
-        calibrate(replications=1)
-    with pytest.raises(SpecError, match="needs eyechart-organisms"):
         open_model("hf:organism:blind")
     with pytest.raises(SpecError, match="unknown organism 'giant'; known are grounded"):
         open_model("hf:organism:giant")
@@ -74,7 +71,7 @@ def test_organisms_of_another_version_are_refused(monkeypatch: pytest.MonkeyPatc
 def test_no_command_imports_them_before_they_are_asked() -> None:
     """Nor does anything that the core does."""
     program = (
-        "import sys, eyechart.api, eyechart.calibrate, eyechart.cli.app, eyechart.models.huggingface.organisms\n"
+        "import sys, eyechart.api, eyechart.calibrate.reach, eyechart.cli.app, eyechart.models.huggingface.organisms\n"
         "import eyechart.models.trained, eyechart.studies.policy.demo; print('eyechart_organisms' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)

@@ -103,7 +103,7 @@ def test_each_fault_is_named(bank: FrameBank, name: str, amiss: set[str], words:
         ("reshaped", "pictures", None, "no other form"),
         ("unit_floats", "cameras", None, "divided by 255 twice"),
         ("channels_first", "motions", False, "it fails: ValueError"),
-        ("masked", "motions", False, "1 numbers of a masked array are masked"),
+        ("masked", "motions", False, "a masked array hides 1 number"),
         ("objects", "motions", False, "an array of object"),
         ("overflown", "motions", False, "NaN, infinite"),
         ("varies", "motions", False, "its shape is (5, 3), and that of the bank's motions (8, 3)"),

@@ -225,11 +225,21 @@ DRIVEN = AnswerField("speed", "number", pattern=r"[Ss]peed:? (-?\d+(?:\.\d+)?)",
         ("not speed: 3", "no_answer"),
         ("I do not choose speed 3", "no_answer"),
         ("rather than speed 3", "no_answer"),
+        ("speed 11 km/h, that is speed 3 m/s", "several_values"),
     ],
 )
 def test_a_number_that_means_another_one_is_no_answer(text: str, why: str) -> None:
     """Another unit, thousands that are cut off, and what is denied."""
     assert read_fields(text, [DRIVEN]) == FieldValues(None, why, "speed")
+
+
+def test_of_two_units_the_one_that_a_pattern_names_is_read() -> None:
+    """Under a key nobody knows which of both a number is in, so it is no answer."""
+    text = "the angle in degrees is 11.5, in rad 0.2"
+    named = AnswerField("angle", "number", pattern=r"in rad (-?\d+(?:\.\d+)?)", unit="rad")
+    assert read_fields(text, [named]) == FieldValues((0.2,))
+    keyed = AnswerField("angle", "number", key="angle", unit="rad")
+    assert read_fields(f'{{"angle": 0.2}} ({text})', [keyed]) == FieldValues(None, "other_unit", "angle")
 
 
 @pytest.mark.parametrize(

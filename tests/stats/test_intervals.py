@@ -6,10 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eyechart.calibrate import SETTINGS
-from eyechart.calibrate.known_answers import KNOWN
-from eyechart.calibrate.replication import answers_of
-from eyechart.calibrate.world import make_world
 from eyechart.stats.association import information_of_tables
 from eyechart.stats.episodes import (
     difference_over_episodes,
@@ -23,6 +19,10 @@ from eyechart.stats.resamples import permute_agreement
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
+from eyechart_organisms.calibration import SETTINGS
+from eyechart_organisms.calibration.known_answers import KNOWN
+from eyechart_organisms.calibration.replication import answers_of
+from eyechart_organisms.calibration.world import make_world
 
 
 def test_of_a_coin_the_interval_of_information_holds_none_and_its_own_value() -> None:

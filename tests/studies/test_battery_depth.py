@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 from drawn import answered
-from eyechart.calibrate.known_answers import KNOWN, KnownController, by_sight
-from eyechart.calibrate.replication import answers_of, staged
-from eyechart.calibrate.world import SETTINGS, SimulatedView, World, make_world
 from eyechart.conditions import OLDER, RANGED
 from eyechart.models.scripted import PerceivedPicture
 from eyechart.stats.order import Density
@@ -20,6 +17,9 @@ from eyechart.studies.battery.calibrated_statistics import CalibratedTests, Lazy
 from eyechart.studies.battery.depth import moved_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
+from eyechart_organisms.calibration.known_answers import KNOWN, KnownController, by_sight
+from eyechart_organisms.calibration.replication import answers_of, staged
+from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
 
 SETTING = SETTINGS["default"]
 

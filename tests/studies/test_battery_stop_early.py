@@ -29,7 +29,7 @@ from eyechart.manifest import LEDGER, read_run
 from eyechart.models import ADAPTERS
 from eyechart.spaces.space import Decision
 from eyechart.studies import battery as study
-from eyechart.studies.battery.early_stop import NEEDED, EarlyStop
+from eyechart.studies.battery.early_stop import NEEDED, EarlyStop, WholeRun, layout_for
 from eyechart.verdicts import NOT_JUDGED, judge
 from known import Demo
 
@@ -92,6 +92,14 @@ def highway(demo: Demo, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     models = [word for name in CLEAR for word in ("--model", f"scripted:{name}")]
     words = ["run", "battery", *models, "--frames", str(demo.bank), "--out", str(out), "--stop-early"]
     return out, CliRunner().invoke(app, words)
+
+
+def test_a_stop_is_judged_by_what_a_whole_run_reads_of_its_bank(bank: FrameBank, tmp_path: Path) -> None:
+    """The gaps, how control pictures were made, and the run's seed."""
+    planned = study.plan(bank.root, [STEADY], tmp_path / "run", extent=EARLY)
+    gap = bank.manifest.gap
+    assert gap is not None
+    assert layout_for(planned.plan, STEADY).whole == WholeRun(gap, bank.manifest.provenance, seed=planned.plan.seed)
 
 
 def test_on_real_pictures_the_verdicts_are_those_of_the_whole_battery(demo: Demo, highway: tuple[Path, Result]) -> None:

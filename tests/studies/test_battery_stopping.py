@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 import simulated
-from eyechart.frames import Frame
+from eyechart.frames import LEAD_GAP, Frame
 from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.early_stop import QuestionOrder, StoppingState, layout_of, typical
+from eyechart.studies.battery.early_stop import QuestionOrder, StoppingState, WholeRun, layout_of, typical
 from eyechart.studies.battery.evidence import FrameAnswers, claims, fewest_turns
 from eyechart.verdicts import LABELS, LATERAL, StoppingPoint
 
@@ -102,6 +102,23 @@ def test_following_the_gap_by_observation_never_stops_a_run() -> None:
     """Without counterfactual pictures a follower of distance is asked to the end, and so is one that follows half."""
     assert settle(depth, simulated.CONDITIONS) is None
     assert settle(presence, simulated.CONDITIONS) is not None
+
+
+def test_a_depth_is_settled_by_the_true_pictures_at_their_gaps_too() -> None:
+    """A model that follows moved leads alone, and is the wrong way round on true pictures, is asked to the end."""
+
+    def moved_alone(condition: str, frame: Frame, rng: object) -> str:
+        seen = depth(condition, frame, rng)
+        true = condition in {"real", "real_repeat"}
+        return {"STOP": "STRAIGHT", "STRAIGHT": "STOP"}.get(seen, seen) if true else seen
+
+    for rule, without, gapped in ((depth, "depth", "depth"), (moved_alone, "depth", None)):
+        calls = given(simulated.answers(rule, FRAMES))
+        for whole, label in ((WholeRun(), without), (WholeRun(LEAD_GAP), gapped)):
+            course = StoppingState(replace(layout(), whole=whole))
+            course.advance(calls)
+            stopped = course.stopped(len(course.counted))
+            assert (stopped and stopped.label) == label, (rule, whole)
 
 
 def test_turns_are_settled_too() -> None:

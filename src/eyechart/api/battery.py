@@ -1,6 +1,5 @@
 """Build a bank, run the battery on models, and read the report."""
 
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -8,24 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from eyechart.api.reports import RunReport, row_of, written_page
-from eyechart.api.subjects import each_named, placed, require_arguments, require_new, require_several, still
+from eyechart.api.subjects import Subjects, placed, require_arguments, require_several, still, subjects_of
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
-from eyechart.limits import Usage
 from eyechart.manifest import LEDGER
-from eyechart.models import OpenedModel
 from eyechart.models.prices import read_prices
-from eyechart.models.python_callable import hold, name_of
+from eyechart.models.python_callable import hold
 from eyechart.modes import RequestMode, Scalar
 from eyechart.planned_run import RunAllowance, moving
-from eyechart.probe import ProbeResult, Sample
-from eyechart.probe import probe as find_mode
 from eyechart.run import Progress
 from eyechart.simulators import open_bank_simulator
 from eyechart.studies import battery
-from eyechart.studies.battery import Battery, BatteryScore, BatterySelection
+from eyechart.studies.battery import BatteryScore, BatterySelection
 from eyechart.studies.battery.series import read_series
-from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
+from eyechart.studies.probes import accept_losses
 from eyechart.verdicts import Verdict, judge, words_of
 
 if TYPE_CHECKING:  # a score needs no templates
@@ -179,7 +174,7 @@ def run_battery(
     named: dict[str, Any] = {**asking}
     root, place = placed(bank), Path(out).absolute()
     how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}
-    held, modes, by_option = _asked_models(models, how)
+    asked = _models(models, how)
     concurrency = whole_number("concurrency", concurrency, 1)
     if "seed" in named:
         named["seed"] = whole_number("seed", named["seed"], 0)
@@ -197,40 +192,19 @@ def run_battery(
     if named.pop("accept_loss", False):
         list(accept_losses(place))
 
-    def plan(modes: Sequence[RequestMode]) -> Battery:
-        return battery.plan(root, [held.get(mode.spec, mode) for mode in modes], place, extent=extent, **named)
-
     bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
     allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds, **cluster)
-    runmodes = RunModes(modes, by_option, how)
-    planned = plan_probed(Planner(plan, [place]), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
-    assert planned is not None  # a failed probe raises before this
+    planned = asked.planned(partial(battery.plan, root, out=place, extent=extent, **named), [place], allowed)
     planned.make(allowed, moving(progress))
     return _read_report(still(out, place))
 
 
-def _asked_models(
-    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]], how: Mapping[str, Any]
-) -> tuple[dict[str, OpenedModel], list[RequestMode], frozenset[str]]:
-    """Return the open callables, the request modes of all models in order, and the given SPECs.
-
-    Raises SpecError if two callables have the same name, or if fields would change no model.
-    """
-    held: dict[str, OpenedModel] = {}
-    modes: list[RequestMode] = []
-    several = each_named(models, "model", "models", (str, RequestMode))
-    for name, one in several:
-        if isinstance(one, str | RequestMode):
-            modes.append(one if isinstance(one, RequestMode) else RequestMode(one, **how))
-            continue
-        assert callable(one)
-        mode = RequestMode(f"python:{name or name_of(one)}", **how)
-        require_new(mode.spec, held, "models")
-        held[mode.spec] = OpenedModel(mode, hold(one, mode))
-        modes.append(mode)
-    if how and all(isinstance(one, RequestMode) for _, one in several):
+def _models(given: object, how: Mapping[str, Any]) -> Subjects:
+    """Return the models of an argument; raises SpecError if the fields would change none of them."""
+    found = subjects_of(given, "model", "models", how, hold)
+    if how and not found.by_spec and not found.held:
         raise SpecError(f"{', '.join(how)} would change no model: a RequestMode is asked as it says")
-    return held, modes, frozenset(one for _, one in several if isinstance(one, str))
+    return found
 
 
 @speaks_of_arguments
@@ -251,10 +225,3 @@ def _read_report(run: Path | str, **reading: Any) -> Report:  # noqa: ANN401 - t
     reading["resamples"] = whole_number("resamples", reading.get("resamples", _RESAMPLES), 1)
     scored = battery.score(Path(run), **reading)
     return Report(Path(run), scored, judge(scored))
-
-
-def _ask(
-    mode: RequestMode, sample: Sample, most: float | None, spend: Callable[[Usage], None], *, fixed: Sequence[str]
-) -> ProbeResult:
-    """Probe a model without changing ``fixed`` fields; it runs in a thread if a loop runs here."""
-    return find_mode(mode, fixed=fixed, sample=sample, seed=secrets.randbelow(10**6), max_cost=most, spend=spend)

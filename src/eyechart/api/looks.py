@@ -31,6 +31,7 @@ class _LookOptions(TypedDict, total=False):
     seed: int
     budget: int | None
     out: Path | str | None
+    again: bool
     yes: bool
 
 
@@ -49,7 +50,8 @@ def look(
     ``dataset``; otherwise eyechart draws them. ``columns`` maps places to columns of the table. A
     distance below ``threshold``, in ``unit``, is near. All files go to ``out`` (``looks/NAME``),
     where the same look resumes. ``budget`` limits the calls; calls that may cost raise SpecError
-    unless ``yes``. ``progress`` gets (done, total).
+    unless ``yes``. ``again`` retries the calls that failed in transport. ``progress`` gets (done,
+    total).
 
     Raises BankError, SourceError, SpecError or LedgerError as the steps do.
     """
@@ -81,6 +83,7 @@ def look(
         seed=whole_number("seed", how.get("seed", 0), 0),
         budget=None if budget is None else whole_number("budget", budget, 1),
         held=held,
+        again=how.get("again", False),
     )
     return looked(wanted, _watch(progress, yes=how.get("yes", False)))
 

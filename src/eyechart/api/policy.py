@@ -7,15 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
-from eyechart.api.battery import _ask, _Mode
+from eyechart.api.battery import _Mode
 from eyechart.api.reports import RunReport, row_of, written_page
-from eyechart.api.subjects import each_named, placed, require_arguments, require_new, require_several, still
+from eyechart.api.subjects import placed, require_arguments, require_several, still, subjects_of
 from eyechart.errors import SpecError, printable, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank, open_bank
-from eyechart.models import OpenedModel, states
+from eyechart.models import states
 from eyechart.models.policy_callable import hold
 from eyechart.models.prices import read_prices
-from eyechart.models.python_callable import name_of
 from eyechart.modes import RequestMode
 from eyechart.planned_run import RunAllowance, moving
 from eyechart.probe import policies as doctor
@@ -25,7 +24,7 @@ from eyechart.studies import policy
 from eyechart.studies.policy import PolicyScore, PolicySelection
 from eyechart.studies.policy.plans import PolicyRun
 from eyechart.studies.policy.scores import judge
-from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
+from eyechart.studies.probes import accept_losses
 from eyechart.verdicts.policy_verdict import PolicyVerdict
 
 if TYPE_CHECKING:  # a score needs no templates
@@ -152,7 +151,7 @@ def run_policies(
     how: dict[str, Any] = {
         name: one for name, one in asking.items() if name in _Mode.__annotations__ and (patient or name != "timeout_s")
     }
-    held, modes, by_option = _opened(policies, how)
+    asked = subjects_of(policies, "policy", "policies", how, hold)
     planned_of = partial(
         policy.plan,
         root,
@@ -163,11 +162,9 @@ def run_policies(
         prompt=asking.get("prompt"),
     )
 
-    def plan(modes: Sequence[RequestMode]) -> PolicyRun:
-        return planned_of(specs=[held.get(mode.spec, mode) for mode in modes])
-
     most = None if most is None else whole_number("max_calls", most, 1)
-    at_once = whole_number("concurrency", asking.get("concurrency", 8 if any(map(_states, modes)) else 1), 1)
+    usual = 8 if any(states(mode.spec) for mode in asked.modes) else 1
+    at_once = whole_number("concurrency", asking.get("concurrency", usual), 1)
     bounds: dict[str, Any] = {"max_calls": most, "max_cost": asking.get("max_cost"), "concurrency": at_once}
     allowed = RunAllowance(
         read_prices(),
@@ -179,9 +176,7 @@ def run_policies(
         gpus=asking.get("gpus", 0.0),
         **bounds,
     )
-    runmodes = RunModes(modes, by_option, how)
-    planned = plan_probed(Planner(plan, [place]), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
-    assert planned is not None  # a failed probe raises before this
+    planned: PolicyRun = asked.planned(planned_of, [place], allowed)
     outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
         said = f"{spec} was set aside, and is judged by its answers before that: {printable(why)}"
@@ -214,39 +209,13 @@ def examine_policy(
     ``print`` the result for one line per check; ``.exit_code`` is 0 if nothing is wrong. Raises
     SpecError if it is no policy, and BankError if the bank declares no motion or has one episode.
     """
-    held, modes, _ = _opened(policy, {} if timeout_s is None else {"timeout_s": timeout_s})
-    if len(modes) != 1:
-        raise SpecError(f"examine_policy takes one policy, not {len(modes)}")
+    asked = subjects_of(policy, "policy", "policies", {} if timeout_s is None else {"timeout_s": timeout_s}, hold)
+    if len(asked.modes) != 1:
+        raise SpecError(f"examine_policy takes one policy, not {len(asked.modes)}")
     frames = bank if isinstance(bank, FrameBank) else open_bank(Path(bank))
-    return doctor.examine_policy(held.get(modes[0].spec, modes[0]), frames, prompt=prompt)
+    return doctor.examine_policy(asked.held.get(asked.modes[0].spec, asked.modes[0]), frames, prompt=prompt)
 
 
 def _read(run: Path | str, *, reread: bool = False) -> PolicyReport:
     scored = policy.score(Path(run), reread=reread)
     return PolicyReport(Path(run), scored, judge(scored))
-
-
-def _states(mode: RequestMode) -> bool:
-    return states(mode.spec)
-
-
-def _opened(
-    policies: AskedPolicy | Sequence[AskedPolicy] | Mapping[str, Callable[..., object]], how: Mapping[str, Any]
-) -> tuple[dict[str, OpenedModel], list[RequestMode], frozenset[str]]:
-    """Return the open callables, the request modes of all policies in order, and the given SPECs.
-
-    Raises SpecError for no policy, or a name twice.
-    """
-    held: dict[str, OpenedModel] = {}
-    modes: dict[str, RequestMode] = {}
-    several = each_named(policies, "policy", "policies", (str, RequestMode))
-    for name, one in several:
-        if isinstance(one, str | RequestMode):
-            mode = one if isinstance(one, RequestMode) else RequestMode(one, **how)
-        else:
-            assert callable(one)
-            mode = RequestMode(f"python:{name or name_of(one)}", **how)
-            require_new(mode.spec, modes, "policies")
-            held[mode.spec] = OpenedModel(mode, hold(one, mode))
-        modes[mode.spec] = mode
-    return held, list(modes.values()), frozenset(one for _, one in several if isinstance(one, str))

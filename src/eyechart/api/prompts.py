@@ -6,21 +6,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from eyechart.api.battery import AskedModel, _ask, _asked_models, _Mode
+from eyechart.api.battery import AskedModel, _Mode, _models
 from eyechart.api.reports import row_of, written_page
 from eyechart.api.subjects import placed, require_arguments, require_several, still
 from eyechart.compare import Comparison, compare, replication_table
 from eyechart.errors import SpecError, speaks_of_arguments, whole_number
 from eyechart.frames import FrameBank
 from eyechart.models.prices import read_prices
-from eyechart.modes import RequestMode
 from eyechart.planned_run import RunAllowance, moving
 from eyechart.prompts import PROMPTS
 from eyechart.report.table import Table
 from eyechart.run import Progress
 from eyechart.studies import ReadOptions
 from eyechart.studies import prompts as study
-from eyechart.studies.probes import Planner, RunModes, accept_losses, plan_probed
+from eyechart.studies.probes import accept_losses
 from eyechart.studies.prompts import Prompts, PromptSensitivity, PromptsScore, PromptStudy
 
 
@@ -144,31 +143,12 @@ def compare_prompts(
         list(accept_losses(place))
     cells = partial(study.plan, placed(bank), out=place, prompts=[*map(str, several)], **extent)
     allowed = RunAllowance(read_prices(), no_probe=not probe, concurrency=at_once, again=again, moved=moved)
-    planned = _planned(cells, models, how, allowed, place)
+    planned: PromptStudy = _models(models, how).planned(cells, study.cells_in(place), allowed)
     planned.make(allowed, moving(progress))
     return _read(still(out, place), list(planned.cells))
 
 
 _LEAST = {"limit": 1, "seed": 0}
-
-
-def _planned(
-    cells: Callable[..., PromptStudy],
-    models: Sequence[AskedModel] | AskedModel | Mapping[str, Callable[..., object]],
-    how: Mapping[str, Any],
-    allowed: RunAllowance,
-    place: Path,
-) -> PromptStudy:
-    """Return the study with its request modes; models without one are probed with all prompts."""
-    held, modes, by_option = _asked_models(models, how)
-
-    def plan(modes: Sequence[RequestMode]) -> PromptStudy:
-        return cells(specs=[held.get(mode.spec, mode) for mode in modes])
-
-    runmodes = RunModes(modes, by_option, how)
-    planned = plan_probed(Planner(plan, study.cells_in(place)), runmodes, allowed, partial(_ask, fixed=[*how]))[0]
-    assert planned is not None  # a failed probe raises before this
-    return planned
 
 
 def _read(path: Path, names: Sequence[str]) -> PromptsReport:

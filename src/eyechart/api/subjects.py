@@ -1,10 +1,83 @@
 """The subjects of a run: SPECs, or callables with names, and the paths of a run."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import secrets
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
 
 from eyechart.errors import ArgumentError, SpecError, did_you_mean
 from eyechart.frames import FrameBank
+from eyechart.limits import Usage
+from eyechart.models import Model, OpenedModel
+from eyechart.models.python_callable import name_of
+from eyechart.modes import RequestMode
+from eyechart.planned_run import PlannedRun, RunAllowance
+from eyechart.probe import ProbeResult, Sample
+from eyechart.probe import probe as find_mode
+from eyechart.studies.probes import Planner, RunModes, plan_probed
+
+P = TypeVar("P", bound=PlannedRun)
+
+
+@dataclass(frozen=True)
+class Subjects:
+    """The models or policies of a run: their modes in order, open callables, and the given SPECs.
+
+    ``how`` are the fields of a request mode that were given for those without one.
+    """
+
+    modes: list[RequestMode]
+    held: Mapping[str, OpenedModel]
+    by_spec: frozenset[str]
+    how: Mapping[str, Any]
+
+    def planned(self, plan: Callable[..., P], runs: Sequence[Path], allowed: RunAllowance) -> P:
+        """Return a study's ``plan`` of these ``specs``; those served elsewhere are probed first.
+
+        Raises ProbeError if a probe fails.
+        """
+
+        def plan_of(modes: Sequence[RequestMode]) -> P:
+            return plan(specs=[self.held.get(mode.spec, mode) for mode in modes])
+
+        asked = RunModes(self.modes, self.by_spec, self.how)
+        result = plan_probed(Planner(plan_of, runs), asked, allowed, partial(_ask, fixed=[*self.how]))[0]
+        assert result is not None  # a failed probe raises before this
+        return result
+
+
+def subjects_of(
+    given: object, kind: str, argument: str, how: Mapping[str, Any], hold: Callable[[Any, RequestMode], Model]
+) -> Subjects:
+    """Return the subjects of an ``argument``, each a SPEC, a request mode or a callable.
+
+    Raises SpecError if one is no ``kind``, or if two have the same name.
+    """
+    modes: dict[str, RequestMode] = {}
+    held: dict[str, OpenedModel] = {}
+    several = each_named(given, kind, argument, (str, RequestMode))
+    for name, one in several:
+        if isinstance(one, str | RequestMode):
+            mode = one if isinstance(one, RequestMode) else RequestMode(one, **how)
+        else:
+            assert callable(one)
+            mode = RequestMode(f"python:{name or name_of(one)}", **how)
+            if mode.spec in modes:
+                raise SpecError(
+                    f"two callables are called '{mode.spec}'; name each: {argument}={{'one': f, 'other': g}}"
+                )
+            held[mode.spec] = OpenedModel(mode, hold(one, mode))
+        modes[mode.spec] = mode
+    return Subjects(list(modes.values()), held, frozenset(one for _, one in several if isinstance(one, str)), how)
+
+
+def _ask(
+    mode: RequestMode, sample: Sample, most: float | None, spend: Callable[[Usage], None], *, fixed: Sequence[str]
+) -> ProbeResult:
+    """Probe a model without changing ``fixed`` fields; it runs in a thread if a loop runs here."""
+    return find_mode(mode, fixed=fixed, sample=sample, seed=secrets.randbelow(10**6), max_cost=most, spend=spend)
 
 
 def placed(bank: FrameBank | Path | str) -> Path:
@@ -59,9 +132,3 @@ def require_several(argument: str, given: object, example: str) -> None:
     """Raise SpecError if an argument of several values is a single word."""
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
         raise SpecError(f"{argument} takes several values, for example {example}, not {given!r}")
-
-
-def require_new(spec: str, known: Mapping[str, object], argument: str) -> None:
-    """Raise SpecError if two callables have the same name."""
-    if spec in known:
-        raise SpecError(f"two callables are called '{spec}'; name each: {argument}={{'one': f, 'other': g}}")

@@ -54,6 +54,8 @@ MOST_FRAMES = 250_000
 MOST_CALLS = 5_000_000
 """The most frames and calls of a run in a bundle; each frame takes 2 kB, each call 1 kB."""
 USUAL = ReplayCheck()
+_SHOWN = 40
+"""Differences are printed up to this number."""
 _LONGER = 4
 """A file this many times too long is not read."""
 
@@ -84,6 +86,15 @@ class Validation(JsonRecord):
         if self.differences:
             return f"{len(self.differences)} differences"
         return f"holds, {' and '.join(self.uncompared)} not compared" if self.uncompared else "holds"
+
+    def lines(self) -> Iterator[str]:
+        """Yield the first differences, what is computed otherwise here, the notes and the outcome."""
+        yield from (f"differs: {difference}" for difference in self.differences[:_SHOWN])
+        if len(self.differences) > _SHOWN:
+            yield f"and {len(self.differences) - _SHOWN} more differences (--json prints all)"
+        yield from (f"computed differently here: {one}" for one in self.otherwise[:_SHOWN])
+        yield from (f"note: {note}" for note in self.notes)
+        yield f"{self.outcome}: {', '.join(f'{count} {name}' for name, count in self.compared.items())}"
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""

@@ -25,25 +25,7 @@ from eyechart.errors import (
     why,
 )
 
-_ASCII = str.maketrans(
-    {
-        "—": "-",
-        "–": "-",
-        "−": "-",
-        "…": "~",
-        "≥": ">=",
-        "≤": "<=",
-        "→": "->",
-        "×": "x",
-        "·": "*",
-        "⁻": "-",
-        "⁴": "4",
-        "’": "'",
-        "‘": "'",
-        "“": '"',
-        "”": '"',
-    }
-)
+_ASCII = str.maketrans("—–−…×·⁻⁴’‘“”", "---~x*-4''\"\"") | str.maketrans({"≥": ">=", "≤": "<=", "→": "->"})
 """Replacements for characters that a terminal cannot print; any other becomes a question mark."""
 
 _READING = frozenset(

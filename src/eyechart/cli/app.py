@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from copy import copy
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,10 +12,6 @@ from eyechart.cli.help import Command, CommandGroup, Commands
 from eyechart.cli.options import Json, from_one_folder
 from eyechart.cli.terminal import output_kept, print_json, print_line
 from eyechart.errors import SpecError, did_you_mean
-
-if TYPE_CHECKING:
-    from eyechart.modes import RequestMode
-
 
 app = typer.Typer(
     cls=Commands,
@@ -57,7 +53,7 @@ def modes(
 ) -> None:
     """List the request modes of the paper's models, or print one as a file. None was ever tried."""
     from eyechart.models import known_modes
-    from eyechart.modes import mode_text
+    from eyechart.modes import untried_text, untried_words
 
     known = known_modes()
     if name is not None and name not in known:
@@ -65,24 +61,9 @@ def modes(
     if json:
         print_json({one: mode.as_dict() for one, mode in known.items() if name in (None, one)})
     elif name is not None:
-        print_line(f"{_mode_comment(known[name])}{mode_text(known[name])}".rstrip("\n"))
+        print_line(untried_text(known[name]).rstrip("\n"))
     else:
-        _show({one: _mode_words(mode) for one, mode in known.items()}, json=False)
-
-
-def _mode_comment(mode: "RequestMode") -> str:
-    """Return the head of a mode's file: whose it is, and what the paper does not say."""
-    said = f"# {mode.about['paper']} of the paper's {mode.about['arm']} arm. Never tried: run 'eyechart probe' first.\n"
-    if mode.spec.startswith("openai:"):
-        said += "# The paper names no endpoint: set base_url to the server's address, and spec to its model name.\n"
-        said += '# base_url = "https://…/v1"\n# key_env = "…"\n'
-    return said
-
-
-def _mode_words(mode: "RequestMode") -> str:
-    asked = f"{mode.max_tokens} tokens, {mode.structured}, temperature {mode.temperature:g}"
-    thinks = "" if "think" not in mode.options else f", think {str(mode.options['think']).lower()}"
-    return f"the paper's {mode.about['paper']} ({mode.about['arm']} arm): {mode.spec}, {asked}{thinks}; untested"
+        _show({one: untried_words(mode) for one, mode in known.items()}, json=False)
 
 
 @listing.command()
@@ -112,26 +93,17 @@ def prompts(json: Json = False) -> None:
     """List the prompt formulations with their key and wording."""
     from eyechart.prompts import PROMPTS
 
-    wording = {
-        name: f"{prompt.key}  {' '.join(f'{prompt.system} {prompt.user}'.split())}" for name, prompt in PROMPTS.items()
-    }
-    _show(wording, json=json)
+    _show(
+        {name: f"{one.key}  {' '.join(f'{one.system} {one.user}'.split())}" for name, one in PROMPTS.items()}, json=json
+    )
 
 
 @listing.command()
 def simulators(json: Json = False) -> None:
     """List the simulators, the presets of their banks and the scenarios of their drives."""
-    from eyechart.simulators import KINDS, SIMULATORS, find_simulator
+    from eyechart.simulators import known_simulators
 
-    declared = {name: find_simulator(name).declared for name in SIMULATORS}
-    rows = {
-        f"{name} --{option} {choice}": says
-        for name, one in declared.items()
-        for option, choices in (("preset", one.presets), ("scenarios", one.scenarios))
-        for choice, says in choices.items()
-    }
-    rows |= {written: says for written, says, _ in KINDS.values()}
-    _show(rows, json=json)
+    _show(known_simulators(), json=json)
 
 
 app.command()(look.look)

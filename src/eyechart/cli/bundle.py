@@ -5,11 +5,9 @@ from typing import Annotated
 
 import typer
 
-from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps, read_steps
+from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps
 from eyechart.cli.terminal import patience, print_json, print_line, processors, say
 from eyechart.errors import SpecError
-
-_SHOWN = 40
 
 
 def report(
@@ -40,7 +38,7 @@ def report(
     from eyechart.overview import holds_runs, make_index
     from eyechart.report.page import write_figures, write_page
     from eyechart.report.table import write_tables
-    from eyechart.studies import ReadOptions, each_once, study_of
+    from eyechart.studies import ReadOptions, each_once, read_steps, study_of
 
     require_free(out, "report")
     runs = each_once(runs)
@@ -102,8 +100,7 @@ def paper(
     from eyechart.studies import ReadOptions
     from eyechart.studies.prompts import may_be_study
 
-    several = {run for run in runs if holds_runs(run) and not may_be_study(run)}
-    runs = [run for one in runs for run in (find_runs(one) if one in several else [one])]
+    runs = [run for one in runs for run in (find_runs(one) if holds_runs(one) and not may_be_study(one) else [one])]
     with patience("paper") as tell:
         reading = ReadOptions(independent, reread, against)
         found = artefacts(runs, frames or [], reading, tell, guardian=guardian, prices=prices, scores=scores)
@@ -112,14 +109,7 @@ def paper(
         names = {what: [path.name for path in getattr(written, what)] for what in ("files", "removed", "kept")}
         print_json({**names, "missing": dict(found.missing)})
         return
-    for path in written.files:
-        print_line(f"wrote    {path}")
-    for path in written.removed:
-        print_line(f"removed  {path}: an earlier call wrote it, and these runs do not")
-    for path in written.kept:
-        print_line(f"kept     {path}: an earlier call wrote it, and it was changed since")
-    for label, why in found.missing.items():
-        print_line(f"missing  {label}: {why}")
+    print_line(*written.lines(), *(f"missing  {label}: {why}" for label, why in found.missing.items()))
 
 
 def bundle(
@@ -184,16 +174,7 @@ def validate(
     if json:
         print_json(found.as_dict())
     else:
-        for difference in found.differences[:_SHOWN]:
-            print_line(f"differs: {difference}")
-        if len(found.differences) > _SHOWN:
-            print_line(f"and {len(found.differences) - _SHOWN} more differences (--json prints all)")
-        for one in found.otherwise[:_SHOWN]:
-            print_line(f"computed differently here: {one}")
-        for note in found.notes:
-            print_line(f"note: {note}")
-        compared = ", ".join(f"{count} {name}" for name, count in found.compared.items())
-        print_line(f"{found.outcome}: {compared}")
+        print_line(*found.lines())
     if found.differences:
         raise typer.Exit(1)
     if found.uncompared and not allow_uncompared:

@@ -2,19 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from eyechart.cli.options import Json
 from eyechart.cli.terminal import print_each, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
-
-if TYPE_CHECKING:
-    from eyechart.verdicts import Verdict
-
-_AT_ONCE = 48
-"""Concurrent calls of a model: one batch of the organisms."""
 
 
 def demo(
@@ -43,43 +37,21 @@ def demo(
             raise typer.BadParameter("--vlm and --policy are different demos: give one of them")
         _demo_policies(out, seed)
         return
-    from eyechart.models import open_model
-    from eyechart.models.scripted import CONTROLLERS
-    from eyechart.modes import RequestMode
-    from eyechart.simulators import open_bank_simulator
-    from eyechart.studies import battery as study
+    from eyechart.studies.battery import demo as study
     from eyechart.studies.battery.tables import verdicts_printed
-    from eyechart.verdicts import judge
 
+    found = study.make(out, seed, progress, resumable(), vlm=vlm)
+    verdicts, run, wrong = found.verdicts, found.run, found.wrong
     if vlm:
         from eyechart.models.huggingface.organisms import ORGANISMS
 
-        declared = {f"hf:organism:{name}": organism.calibrated for name, organism in ORGANISMS.items()}
-    else:
-        declared = {f"scripted:{name}": controller.declared.calibrated for name, controller in CONTROLLERS.items()}
-    # the checkpoint itself says whether it samples its answers
-    asked = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else RequestMode(spec) for spec in declared]
-    open_model(asked[0].spec, asked[0])  # names a missing package before a bank is built
-    bank, run = out / f"bank-{seed}", out / (f"run-vlm-{seed}" if vlm else f"run-{seed}")
-    if not bank.exists():
-        with progress("frames", "frames") as move:
-            open_bank_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
-    planned = study.plan(bank, asked, run, seed=seed)
-    with resumable(), progress("calls", "calls") as move:
-        study.run(planned, concurrency=_AT_ONCE if vlm else 8, progress=move)
-    scored = study.score(run)
-    verdicts = judge(scored)
-    if vlm:
-        print_each(verdicts_printed(scored, verdicts))
+        print_each(verdicts_printed(found.score, verdicts))
         print_line("The task that each was trained for, and the verdict that it deserves:")
         for name, one in ORGANISMS.items():
             print_line(f"  {name:<18} {one.calibrated:<18} {one.lateral:<14} {one.says}")
     else:
-        found = {spec: (verdict.answer, verdict.calibrated.label, _why(verdict)) for spec, verdict in verdicts.items()}
-        _explained(found, {f"scripted:{name}": controller.says for name, controller in CONTROLLERS.items()})
-    wrong = [spec for spec, verdict in verdicts.items() if verdict.calibrated.label != declared[spec]]
-    for spec in wrong:
-        print_line(f"not as declared: {spec} declares {declared[spec]}")
+        _explained(found.explained, found.says)
+    print_line(*(f"not as declared: {spec} declares {found.declared[spec]}" for spec in wrong))
     who = "organisms were trained for" if vlm else "controllers declared"
     print_line(f"{len(verdicts) - len(wrong)} of {len(verdicts)} verdicts are as the {who}.")
     say(
@@ -88,12 +60,6 @@ def demo(
     )
     if wrong:
         raise typer.Exit(1)
-
-
-def _why(verdict: "Verdict") -> str:
-    """Return a controller's permitted use, and why."""
-    reason = verdict.calibrated.reason
-    return f"{verdict.trust} {reason[:1].upper()}{reason[1:]}."
 
 
 _SHOWN = ("No", "In part", "Yes")
@@ -181,8 +147,11 @@ def calibrate(
             raise SpecError("--keep is for the banks of controllers; --policies always starts anew: leave out --keep")
         _calibrate_policies(replications, seed, processes, setting, engine=engine, json=json)
         return
-    from eyechart.calibrate import calibrate as run
-    from eyechart.calibrate.table import tables
+    from eyechart.models import organisms_folder
+
+    organisms_folder("'eyechart calibrate'")
+    from eyechart_organisms.calibration import calibrate as run
+    from eyechart_organisms.calibration.table import tables
 
     with progress("banks", "banks") as move:
         found = run(

@@ -104,7 +104,7 @@ def closed_loop(
 
     allowed = making.allowed(out, processes=processes or processors())
     done = f"'eyechart score {out}' compares the drivers, 'eyechart report {out} --out page.html' shows every drive"
-    _drive(policy or (), mode, making.how, allowed, out, planned, done, show=partial(_show, json=json))
+    _drive(policy or (), mode, making, allowed, out, planned, done, show=partial(_show, json=json))
 
 
 @options.expanded
@@ -148,7 +148,6 @@ def hierarchy(
     """
     from eyechart.studies.hierarchy import PARTS, Arms, plan, read_choice, score
     from eyechart.studies.hierarchy.study import Hierarchy
-    from eyechart.studies.probes import Planner
 
     choice = read_choice(sources, arms, worlds, None if seeds is None else _seeds(seeds))
 
@@ -160,8 +159,8 @@ def hierarchy(
         found = score(out)
         print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
 
-    planner = Planner(planned, [out / name for name in PARTS], others=choice.sources != frozenset())
-    make(planner, making.asked(policy or [], mode), making.allowed(out, processes=processes), show=show)
+    runs, others = [out / name for name in PARTS], choice.sources != frozenset()
+    make(planned, runs, making.asked(policy, mode), making.allowed(out, processes=processes), show=show, others=others)
 
 
 @options.expanded
@@ -193,7 +192,6 @@ def online(
     Example: eyechart run online --model scripted:scene_side_blind --out online
     """
     from eyechart.episodes import Setup
-    from eyechart.studies.probes import Planner
     from eyechart.studies.structured import online as study
 
     setup = Setup(simulator, seed, reflected=reflections)
@@ -207,11 +205,11 @@ def online(
         with resumable(kept), progress("checking", "episodes") as move:
             study.check_seen(out, move)
 
-    allowed = spending.allowed(out, dry_run=dry_run, concurrency=concurrency)
+    making = options.ModelRunOptions(concurrency, how, spending, dry_run=dry_run)
     done = (
         f"'eyechart score {out}' prints the results, 'eyechart gate {out}' checks them against the clauses of admission"
     )
-    make(Planner(planned, [out]), options.read_modes(model, mode, how.given()), allowed, done, show=check)
+    make(planned, [out], making.asked(model, mode), making.allowed(out), done, show=check)
 
 
 @options.expanded
@@ -271,7 +269,7 @@ def ladder(
         print_json({**kept, "beside_paper": [comparison.as_dict() for comparison in beside_paper(scored.ladder)]})
 
     allowed = making.allowed(out, processes=processes)
-    _drive(policy or (), mode, making.how, allowed, out, planned, alone=False, show=show)
+    _drive(policy or (), mode, making, allowed, out, planned, alone=False, show=show)
 
 
 def audit(
@@ -283,10 +281,11 @@ def audit(
     It prints Table t:degeneracy, the replay of decisions, and identical drives. Exit 1: a cache is
     suspected. Example: eyechart audit run-a run-b --json
     """
+    from eyechart.studies import require_single
     from eyechart.studies.closed_loop import score
     from eyechart.studies.closed_loop.tables import audit_printed
 
-    require_drives(runs)
+    require_single(runs)
     scored = score(runs)
     if json:
         print_json({"study": "closed_loop", **scored.audit_dict()})
@@ -317,14 +316,14 @@ def film(
     Example: eyechart film run --episode "oracle highway/dense/3 real" --out drive.gif
     """
     from eyechart.destination import require_free
-    from eyechart.studies import is_episodes
+    from eyechart.studies import is_episodes, require_single
     from eyechart.studies.battery.film import write_film as write_battery_film
     from eyechart.studies.closed_loop import read_drives
     from eyechart.studies.closed_loop.film import write_film
     from eyechart.studies.closed_loop.replay import episode_id, find_episode
 
     require_free(out, "film")
-    require_drives([run])
+    require_single([run])
     if not is_episodes(run):
         if episode is not None:
             raise SpecError(f"{run} is a run on a bank: use --frame with a frame's id, because --episode is for drives")
@@ -343,7 +342,7 @@ def film(
 def _drive(
     policies: Sequence[str],
     modes: Sequence[Path] | None,
-    how: options.RequestOptions,
+    making: options.DriveOptions,
     allowed: "RunAllowance",
     out: Path,
     plan: "Callable[[Sequence[str | RequestMode]], EpisodesRun]",
@@ -357,11 +356,8 @@ def _drive(
     ``alone`` says that the command has no other drivers.
     """
     from eyechart.policies import is_policy
-    from eyechart.studies.probes import Planner
 
-    asked = options.read_modes(
-        [policy for policy in policies if ":" in policy and not is_policy(policy)], modes, how.given()
-    )
+    asked = making.asked([policy for policy in policies if ":" in policy and not is_policy(policy)], modes)
     names = list(dict.fromkeys([*policies, *(mode.spec for mode in asked.modes)]))
     models = {mode.spec for mode in asked.modes}
 
@@ -370,17 +366,7 @@ def _drive(
         return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models])
 
     others = not alone or len(models) < len(names)
-    make(Planner(planned, [out], others=others), asked, allowed, done, show=show)
-
-
-def require_drives(runs: Sequence[Path]) -> None:
-    """Raise SpecError that names the runs if one of these folders is a study of several."""
-    from eyechart.studies import study_of
-
-    for run in runs:
-        if "" not in (parts := study_of(run).runs(run)):
-            named = ", ".join(map(str, parts.values()))
-            raise SpecError(f"{run} is a study of several runs: name one of them: {named}")
+    make(planned, [out], asked, allowed, done, show=show, others=others)
 
 
 def _seeds(given: str) -> list[int]:
@@ -408,19 +394,6 @@ def _show(planned: "EpisodesRun", *, json: bool) -> None:
         told = {"run": str(planned.out), "left": len(left), "unfinished": why}
         print_json({**told, "rows": [row.as_dict() for row in rows]})
         return
-    from eyechart.report.table import Column, Table
+    from eyechart.studies.closed_loop.tables import means_table
 
-    named = (
-        *(Column("policy", "word"), Column("condition", "word"), Column("episodes", "count")),
-        *(Column("distance m", "number", 1), Column("reward", "number", 2), Column("speed m/s", "number", 1)),
-        *(Column("crashed", "number", 1, 100, "%"), Column("no decision", "number", 1, 100, "%")),
-        Column("errors", "count"),
-    )
-    cells = tuple(
-        (
-            *(row.policy, row.condition, row.episodes, row.distance_m, row.reward, row.speed_mps),
-            *(row.crash_rate, row.without_decision, row.errors),
-        )
-        for row in rows
-    )
-    print_each([Table("means", f"{planned.manifest.simulator}: means over episodes", named, cells)])
+    print_each([means_table(planned.manifest.simulator, rows)])

@@ -8,19 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eyechart.cli import edit as edits
-from eyechart.cli.options import Json, Model, expanded, read_places
+from eyechart.cli.options import Json, Model, expanded, filled, read_places
 from eyechart.cli.terminal import print_json, progress, say
 from eyechart.errors import SpecError, counted, suggestion
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
-    from eyechart.frames import MirrorAxis, Provenance, SharedFrames
+    from eyechart.frames import MirrorAxis, Provenance
     from eyechart.importing import Choices, Convert, Horizon
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
-
-_FEW = 8
-"""Frames that differ are named up to this number; --json has all."""
 
 app = typer.Typer(help="Build, import, check and show frame banks.", no_args_is_help=True)
 
@@ -172,6 +169,7 @@ class SourceDescription:
     def choices(self) -> "Choices":
         """Return the options that every format takes, with the faults found in them."""
         from eyechart.errors import finite_number
+        from eyechart.frames import read_made
         from eyechart.importing.bank import Choices
         from eyechart.importing.columns import read_rig
         from eyechart.importing.faults import Faults
@@ -186,6 +184,10 @@ class SourceDescription:
         with wrong.noted():
             near = None if self.threshold is None else 0.0
             near = None if self.threshold is None else finite_number("--threshold", self.threshold)
+        made: Provenance = ""
+        numerals = _numerals(self.numbers, self.no_lead, wrong)
+        with wrong.noted():
+            made = read_made(self.made)
         return Choices(
             columns=read_places(self.map_ or []),
             mirror=axis,
@@ -194,16 +196,16 @@ class SourceDescription:
             threshold=near,
             unit=self.unit,
             picture=self.picture,
-            prompt_columns=_names(self.prompt_columns),
-            strata=_names(self.strata),
+            prompt_columns=filled(self.prompt_columns),
+            strata=filled(self.strata),
             independent=self.independent,
             every=self.every,
             history=self.history,
             convert=_convert(self.background, self.longest, asked=self.convert),
             keep_repeats=self.keep_repeats,
-            numerals=_numerals(self.numbers, self.no_lead, wrong),
+            numerals=numerals,
             strip=self.strip,
-            made=_made(self.made, wrong),
+            made=made,
             wrong=wrong.lines,
         )
 
@@ -229,14 +231,10 @@ class SourceDescription:
         if self.horizon is None:
             return None
         rotations = tuple(self.rotation or ())
-        return Horizon(self.horizon, read_kind(self.kind), _names(self.state), _names(self.action), rotations)
+        return Horizon(self.horizon, read_kind(self.kind), filled(self.state), filled(self.action), rotations)
 
 
 _UNDESCRIBED = SourceDescription()
-
-
-def _names(words: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in words.split(",") if name.strip())
 
 
 @app.command(
@@ -285,7 +283,7 @@ def declare(
     before the first is declared.
     """
     from eyechart.frames import declare as declared
-    from eyechart.frames import may_declare
+    from eyechart.frames import may_declare, read_made
     from eyechart.manifest import BANK, alone_in, is_run
 
     word = read_made(made)
@@ -334,7 +332,7 @@ def check(
         lacking += noted
         fine = [f"{each} matches its manifest" for each in filter(None, (bank, other))]
         say(*([f"eyechart: {problem}" for problem in problems] or [*fine, *lacking]))
-        say(*(() if both is None else _shared_words(both)))
+        say(*(() if both is None else both.lines()))
     if problems or unlike:
         raise typer.Exit(1)
 
@@ -348,17 +346,6 @@ def _lacking(folder: Path) -> tuple[dict[str, int], dict[str, str], list[str]]:
 
     bank = open_bank(folder)
     return undrawn_controls(bank), {} if bank.manifest.motion is None else unshown_channels(bank), notes(bank)
-
-
-def _shared_words(both: "SharedFrames") -> list[str]:
-    """Return in words how many frames two banks share, and how far their ground truth differs."""
-    (one, other), count, names = both.sizes, len(both.frames), list(both.unlike)
-    if not count:
-        return [f"the {one} and the {other} frames have no name in common"]
-    words = [f"{count} frames are in both banks ({one} and {other} frames): {count - len(names)} are the same moments"]
-    words += [f"{name}: at most {by:.3f} apart" for name, by in both.furthest.items()]
-    words += [f"{frame} differs in {', '.join(both.unlike[frame])}" for frame in names[:_FEW]]
-    return [*words, *([f"and {len(names) - _FEW} more frames differ"] if len(names) > _FEW else [])]
 
 
 @app.command(
@@ -442,7 +429,7 @@ def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":
     """Return how a table's numbers are written; an unknown way is a fault."""
     from eyechart.importing.numerals import Numerals
 
-    marks = None if no_lead is None else tuple(mark.strip() for mark in no_lead.split(",") if mark.strip())
+    marks = None if no_lead is None else filled(no_lead)
     with wrong.noted():
         return Numerals(style, marks)
     return Numerals("", marks)
@@ -455,25 +442,6 @@ def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Co
     if not asked and (background, longest) != (None, None):
         raise SpecError("--background and --longest need --convert: give --convert too")
     return Convert(background or "white", longest) if asked else None
-
-
-def _made(word: str, wrong: "Faults") -> "Provenance":
-    """Return how control pictures were made; an unknown word is a fault and counts as not said."""
-    with wrong.noted():
-        return read_made(word)
-    return ""
-
-
-def read_made(word: str) -> "Provenance":
-    """Return how control pictures were made; raises SpecError for an unknown word."""
-    from eyechart.frames import MADE
-
-    for one in MADE:
-        if one == word:
-            return one
-    if word:
-        raise SpecError(f"--made takes {', '.join(MADE)}, not '{word}'{suggestion(word, MADE)}")
-    return ""
 
 
 def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":

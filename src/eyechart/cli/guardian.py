@@ -2,19 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eyechart.cli.options import Json, Reread, expanded
+from eyechart.cli.options import Json, Reread, expanded, filled
 from eyechart.cli.terminal import print_each, print_json, say
-from eyechart.errors import BankError, GuardianError, VoteError, raising, suggestion
+from eyechart.errors import GuardianError, VoteError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eyechart.stats.committee_votes import Costs, Point
-    from eyechart.studies.guardian import FrozenGuardian, VoteTable
+    from eyechart.stats.committee_votes import Costs
+    from eyechart.studies.guardian import VoteTable
 
 app = typer.Typer(
     name="guardian",
@@ -51,37 +51,17 @@ class VoteSource:
 
     def read(self, votes: "Sequence[Path]", frames: Path | None) -> "VoteTable":
         """Read the votes of runs and tables as one table; ``frames`` is their bank."""
-        from eyechart.studies.guardian import join
-
-        return join([self._read(vote, frames) for vote in votes])
-
-    def _read(self, votes: Path, frames: Path | None) -> "VoteTable":
         from eyechart.frames import open_bank
-        from eyechart.studies.guardian import read_votes, votes_of_run
+        from eyechart.studies.guardian import join, votes_from
 
-        if not votes.exists():
-            raise VoteError(f"{votes} does not exist: give the folder of a run of scene estimates, or a table of votes")
-        bank = None if frames is None else open_bank(frames)
-        if votes.is_dir():
-            if self.about is not None or self.columns:
-                raise VoteError(
-                    f"{votes} is a run and already records how its votes were made: leave out --about and --map"
-                )
-            _require_run(votes)
-            table = votes_of_run(votes, hazard=self.hazard, reread=self.reread)
-            if bank is not None and bank.manifest.fingerprint != table.about.bank:
-                raise VoteError(
-                    f"{votes} is a run on the bank {table.about.bank_name}, and {frames} is another one: the "
-                    "bank differs; give that run's bank to --frames, or leave that out"
-                )
-            return table
-        named = {}
+        bank, columns = None if frames is None else open_bank(frames), dict[str, str]()
         for one in self.columns or ():
             role, sign, column = one.partition("=")
             if not sign or not column:
                 raise VoteError(f"--map is given as ROLE=COLUMN; got '{one[:40]}'")
-            named[role] = column
-        return read_votes(votes, bank=bank, about=self.about, columns=named, hazard=self.hazard)
+            columns[role] = column
+        how: Any = {"about": self.about, "hazard": self.hazard, "reread": self.reread}
+        return join([votes_from(one, bank=bank, columns=columns, **how) for one in votes])
 
 
 @dataclass(frozen=True)
@@ -142,8 +122,9 @@ def fit(
 
     require_free(out, "guardian")
     table = how.read(votes, frames)
-    table = table.keep(_ids_of(calibration)) if calibration is not None else _part(table, "calibration")
-    frozen = study.fit(table, size=size, models=tuple(models or ()), point=_point(point), costs=costing.made())
+    table = table.keep(study.read_ids(calibration)) if calibration is not None else table.for_use("calibration")
+    chosen = study.read_point(point)
+    frozen = study.fit(table, size=size, models=tuple(models or ()), point=chosen, costs=costing.made())
     study.require_own(out, frozen)
     with whole(out, "guardian") as partial:
         study.write_frozen(partial, frozen)
@@ -194,8 +175,11 @@ def score(
     if html is not None:
         require_free(html, "report")
     frozen = study.read_frozen(guardian)
-    table, left, words = _left(how.read(votes, frames), frozen, unseen=unseen)
-    table, fresh = _parted(table, bound_episodes, None if bound is None else how.read([bound], frames))
+    table, left, words = frozen.scorable(how.read(votes, frames), unseen=unseen)
+    if bound is None:
+        table, fresh = table.parted(None if bound_episodes is None else filled(bound_episodes))
+    else:
+        table, fresh = table.for_use("score"), how.read([bound], frames).for_use("bound")
     bounded = None
     if fresh is not None:
         bounded = study.bound(frozen, fresh, scored=table, confidence=confidence, risk=risk)
@@ -269,8 +253,8 @@ def modular(
     from eyechart.studies import guardian as study
 
     frozen = study.read_frozen(guardian)
-    table, left, words = _left(how.read(votes, frames), frozen, unseen=unseen)
-    table = _part(table, "score")
+    table, left, words = frozen.scorable(how.read(votes, frames), unseen=unseen)
+    table = table.for_use("score")
     bank = open_bank(frames)
     frozen.may_show(bank)
     found = study.replay(frozen, table, study.reader_of(bank))
@@ -368,72 +352,3 @@ def serve(
         )
         asyncio.run(served)
     say("stopped")
-
-
-def _require_run(folder: Path) -> None:
-    """Raise VoteError if a folder is no run; for a bank, say what to do."""
-    from eyechart.frames import open_bank
-    from eyechart.manifest import is_run
-
-    if is_run(folder):
-        return
-    try:
-        open_bank(folder)
-    except BankError:
-        return  # the reader of the run reports the error
-    asked = "admission", "structured"
-    ways = " or ".join(f"'eyechart run {one} --model SPEC --frames {folder} --out RUN'" for one in asked)
-    raise VoteError(f"{folder} is a bank, which holds no votes: ask models with {ways}, and give that run's folder")
-
-
-def _ids_of(path: Path) -> list[str]:
-    """Read ids of frames, one a line."""
-    with raising(VoteError, f"{path} is no list of frame ids, one a line", of=(OSError, ValueError)):
-        return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
-
-
-def _left(
-    table: "VoteTable", frozen: "FrozenGuardian", *, unseen: bool
-) -> "tuple[VoteTable, dict[str, object], list[str]]":
-    """Return the frames of a table that a guardian may be scored on.
-
-    Also return how many frames were left out for each reason, as numbers and in words. Without
-    ``unseen`` nothing is left out.
-    """
-    if not unseen:
-        return table, {}, []
-    kept, left = frozen.unseen(table), frozen.left_out(table)
-    if table.frames and not kept.frames:
-        raise GuardianError(
-            f"all {len(table.frames)} frames of {table.name} chose this guardian, so none is left to score: "
-            "give votes on other frames, as 'eyechart run structured' makes them"
-        )
-    why = ", ".join(f"{count} {words}" for words, count in left.items())
-    words = f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
-    return kept, {"left_out": left}, [words]
-
-
-def _parted(
-    table: "VoteTable", bound_episodes: str | None, other: "VoteTable | None"
-) -> "tuple[VoteTable, VoteTable | None]":
-    """Return the votes to score, and those for the bound: a table, some episodes, or a split."""
-    if other is not None:
-        return _part(table, "score"), _part(other, "bound")
-    if bound_episodes is not None:
-        fresh = table.of_episodes([name.strip() for name in bound_episodes.split(",") if name.strip()])
-        return _part(table.without(fresh.frames), "score"), fresh
-    bound = table.part("bound") if table.split is not None and "bound" in table.split else None
-    return _part(table, "score"), bound
-
-
-def _part(table: "VoteTable", name: str) -> "VoteTable":
-    """Return the rows of a part by the column ``split``, or all rows without that column."""
-    return table if table.split is None else table.part(name)
-
-
-def _point(name: str | None) -> "Point | None":
-    from eyechart.stats.committee_votes import POINTS
-
-    if name is not None and name not in POINTS:
-        raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'{suggestion(name, POINTS)}")
-    return next((point for point in POINTS if point == name), None)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli import edit as edits
-from eyechart.cli.options import Json, Seed, mode_of, read_modes, read_places
+from eyechart.cli.options import AskAgain, Json, Seed, read_places
 from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -48,6 +47,7 @@ def look(
     seed: Seed = 0,
     budget: Annotated[int | None, typer.Option(min=1, help="At most this many calls in total.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for all files; default: looks/NAME.")] = None,
+    again: AskAgain = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for consent to calls that may cost.")] = False,
     json: Json = False,
     accept: Annotated[str | None, typer.Option(help="part: exit 0 for 'In part' too.")] = None,
@@ -62,7 +62,7 @@ def look(
     Exit 0: Yes; 1: No, or In part; 2: Inconclusive, or bad input. Example: eyechart look
     scripted:depth
     """
-    from eyechart.looks import LookRequest, Pictures, Watch, folder_name, spec_of
+    from eyechart.looks import LookRequest, Pictures, Watch, folder_name, look_at_sheet, spec_of
     from eyechart.looks import look as looked
 
     if accept not in (None, "part"):
@@ -80,29 +80,34 @@ def look(
         seed=seed,
         budget=budget,
         file=mode,
+        again=again,
     )
-    moves = None if objects is None else edits.moves_of(near, far, lane, eye)
-    if moves is None and (near, far, lane, eye) != (None,) * 4:
+    if objects is None and (near, far, lane, eye) != (None,) * 4:
         raise SpecError("--near, --far, --lane and --eye are for photographs that are edited: give --objects too")
+    watch = Watch(say, progress, partial(_agree, yes=yes))
     with resumable():
-        if objects is None or moves is None:
-            found = looked(wanted, Watch(say, progress, partial(_agree, yes=yes)))
+        if objects is None:
+            found = looked(wanted, watch)
         else:
-            found = edits.look_at_sheet(wanted, objects, moves)
+            from eyechart.edits import Moves
+
+            found = look_at_sheet(wanted, objects, Moves.read(near, far, lane, eye), watch)
     if json:
         print_json(found.as_dict())
     else:
-        for line in found.lines(as_typed):
-            print_line(line)
+        print_line(*found.lines(as_typed))
     raise typer.Exit(found.exit_code(accept_part=accept == "part"))
 
 
 def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
     """Return a model's request mode; raises SpecError for another model's, or two addresses."""
+    from eyechart.modes import mode_of
+    from eyechart.studies.probes import read_modes
+
     given = {} if base_url is None else {"base_url": base_url}
     if mode is None:
         return mode_of(spec, given)
-    (asked,) = read_modes(None, [mode], given).modes
+    (asked,) = read_modes(None, [mode], given, say).modes
     if asked.spec != spec:
         raise SpecError(f"the mode {mode} is for '{asked.spec}', not for '{spec}': give that model's mode")
     return asked

@@ -2,7 +2,7 @@
 
 import inspect
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
@@ -13,9 +13,8 @@ import typer
 from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
-    from eyechart.modes import RequestMode, Scalar
+    from eyechart.modes import Scalar
     from eyechart.planned_run import RunAllowance
-    from eyechart.studies import Study
     from eyechart.studies.probes import RunModes
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
@@ -203,9 +202,12 @@ class ModelRunOptions:
     dry_run: DryRun = False
     cluster: ClusterOptions = ON_THIS_MACHINE
 
-    def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None) -> "RunModes":
-        """Return the request modes of a command's models, as `read_modes` does."""
-        return read_modes(specs, files, self.how.given())
+    def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None, **more: object) -> "RunModes":
+        """Return the request modes of a command's models."""
+        from eyechart.cli.terminal import say
+        from eyechart.studies.probes import read_modes
+
+        return read_modes(specs, files, self.how.given() | more, say)
 
     def allowed(self, out: Path, **more: Any) -> "RunAllowance":  # noqa: ANN401 - those of RunAllowance
         """Return what a command allows its run, as `CostLimits` does."""
@@ -259,42 +261,9 @@ def names(given: str | None) -> list[str] | None:
     return None if given is None else [one.strip() for one in given.split(",")]
 
 
-def read_modes(specs: Sequence[str] | None, files: Sequence[Path] | None, given: Mapping[str, object]) -> "RunModes":
-    """Return the request modes of a command: from its files, and from options for all other SPECs.
-
-    Raises SpecError if two files are for one model, or options would apply to no model.
-    """
-    from eyechart.cli.terminal import say
-    from eyechart.models import find_mode
-    from eyechart.modes import RequestMode
-    from eyechart.studies.probes import RunModes
-
-    by_file: dict[str, RequestMode] = {}
-    for file in files or ():
-        mode = find_mode(file)
-        if mode.about.get("tested") == "no" and mode.measured is None:
-            say(
-                f"note: the mode {file} of {mode.spec} was never tried; 'eyechart probe {file} --out FILE.toml' "
-                "tries it"
-            )
-        if mode.spec in by_file:
-            raise SpecError(f"{file}: another --mode is for '{mode.spec}' too: give one of them")
-        by_file[mode.spec] = mode
-    names = list(dict.fromkeys([*(specs or ()), *by_file]))
-    rest = [spec for spec in names if spec not in by_file]
-    if given and not rest:
-        raise SpecError(
-            f"{', '.join(given)} would change no model: those with a --mode file are asked as the file says"
-        )
-    asked = {spec: mode_of(spec, given) for spec in rest}
-    return RunModes([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
-
-
-def mode_of(spec: str, given: Mapping[str, object]) -> "RequestMode":
-    """Return a SPEC's request mode with the options; raises SpecError that names a wrong one."""
-    from eyechart.modes import RequestMode, without_secrets
-
-    return RequestMode.from_dict({"spec": spec, **given}, f"the options of {without_secrets(spec)}")
+def filled(words: str) -> tuple[str, ...]:
+    """Return the names in a list with commas, without empty ones."""
+    return tuple(name.strip() for name in words.split(",") if name.strip())
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
@@ -401,19 +370,6 @@ def _json(text: str) -> object:
 def _scalar(text: str) -> "Scalar":
     value = _json(text)
     return value if isinstance(value, str | int | float | bool) else text
-
-
-def read_steps(given: list[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
-    """Return the step of each SPEC; raises SpecError for another form or kind of run."""
-    steps = {}
-    for one in given or []:
-        spec, sign, step = one.rpartition("=")
-        if not (sign and spec and step.isdecimal()):
-            raise SpecError(f"--step is SPEC=N with a whole number, as python:my:act=20000, not '{one}'")
-        steps[spec] = int(step)
-    if steps and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
-        raise SpecError(f"--step is for checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
-    return steps
 
 
 def read_places(words: Sequence[str]) -> dict[str, str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from eyechart.cli.options import AS_USUAL, Json, PriceFile, RequestOptions, expanded, mode_of, read_modes
+from eyechart.cli.options import AS_USUAL, Json, PriceFile, RequestOptions, expanded
 from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -57,7 +57,7 @@ def doctor(
     from eyechart.models.prices import read_prices
     from eyechart.probe import doctor as examine
     from eyechart.probe.doctor import MOST_CALLS
-    from eyechart.report.accounts import doctor_table, headline
+    from eyechart.report.accounts import doctor_printed
 
     given = how.given()
     mode, table = _mode(spec, given), read_prices(prices)
@@ -67,16 +67,7 @@ def doctor(
     if json:
         print_json(found.as_dict())
     else:
-        print_each(
-            [
-                doctor_table(found),
-                headline(found),
-                *(f"likely cause: {cause}" for cause in found.causes),
-                *(f"note: {note}; 'eyechart probe' writes that into a mode" for note in found.notes),
-                *([] if found.sight.cut is None else [f"stopped: {found.sight.cut}"]),
-                f"calls: {found.spent.words}; the same pictures again: --seed {found.seed}",
-            ]
-        )
+        print_each(doctor_printed(found))
     raise typer.Exit(found.exit_code)
 
 
@@ -108,7 +99,7 @@ def probe(
     from eyechart.models.prices import read_prices
     from eyechart.modes import write_mode
     from eyechart.probe.mode_probe import MOST_CALLS
-    from eyechart.report.accounts import probe_table
+    from eyechart.report.accounts import probe_table, probe_words
 
     given = how.given()
     require_free(out, "request mode")
@@ -118,7 +109,7 @@ def probe(
     result = probed(mode, given, sample, "nothing is kept", seed=_draw(seed), prices=table, max_cost=max_cost)
     with whole(out, "request mode") as partial:
         write_mode(partial, result.mode)
-    print_json(result.as_dict()) if json else print_each([probe_table(result), *words_of(result)])
+    print_json(result.as_dict()) if json else print_each([probe_table(result), *probe_words(result)])
     say(f"wrote {out}: ask this model with --mode {out}")
     if result.sight.outcome == "blind":
         raise typer.Exit(1)
@@ -146,9 +137,11 @@ def _doctor_policy(mode: "RequestMode", frames: Path, prompt: str | None, *, jso
 def _mode(spec: str, given: Mapping[str, object]) -> "RequestMode":
     """Return a SPEC's request mode with the options, or that of a file, which takes none."""
     from eyechart.models import known_modes
+    from eyechart.modes import mode_of
+    from eyechart.studies.probes import read_modes
 
     if spec.endswith(".toml") or spec in known_modes():
-        return read_modes(None, [Path(spec)], given).modes[0]
+        return read_modes(None, [Path(spec)], given, say).modes[0]
     return mode_of(spec, given)
 
 
@@ -205,14 +198,3 @@ def probed(
             say(f"stopped: {error}; the findings are not kept")
             raise typer.Exit(3) from None
         raise
-
-
-def words_of(found: "ProbeResult") -> list[str]:
-    """Return a probe's findings and its calls in words."""
-    outcome = {"sees": "it sees", "blind": "it is blind", "cannot_say": "cannot say whether it sees"}
-    return [
-        f"{found.mode.spec}: {outcome[found.sight.outcome]}: {found.sight.because}",
-        *(f"likely cause: {cause}" for cause in found.causes),
-        *(f"note: {note}" for note in found.notes),
-        f"probe: {found.mode.spec}: {found.spent.words}",
-    ]

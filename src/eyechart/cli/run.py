@@ -1,7 +1,7 @@
 """``eyechart run`` makes calls about a bank's frames and only appends; ``merge`` joins shards."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
@@ -12,9 +12,11 @@ from typer.main import get_command
 from eyechart.cli import options, probe
 from eyechart.cli.help import Command, CommandGroup
 from eyechart.cli.terminal import output_kept, progress, resumable, say
-from eyechart.errors import LedgerError, SpecError, counted, suggestion
+from eyechart.errors import SpecError, counted, suggestion
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from eyechart.limits import Usage
     from eyechart.modes import RequestMode
     from eyechart.planned_run import PlannedRun, RunAllowance, RunEnding
@@ -105,10 +107,10 @@ def battery(
     from eyechart.run import read_shard
     from eyechart.studies import battery as study
     from eyechart.studies.battery.series import read_series
-    from eyechart.studies.probes import Planner
 
     corruptions = () if series is None else read_series(series)
-    asked_about = _with_fresh_controls(frames, out, shard, dry_run=making.dry_run) if fresh_controls else frames
+    if fresh_controls:
+        frames = study.with_fresh_controls(frames, out, shard, dry_run=making.dry_run, tell=say, bar=progress)
 
     def planned(modes: "Sequence[RequestMode]") -> "Battery":
         part = None if shard is None else read_shard(shard)
@@ -116,10 +118,10 @@ def battery(
             study.BatterySelection(limit, part, stop_early, controls, corruptions),
             options.names(conditions),
         )
-        return study.plan(asked_about, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
+        return study.plan(frames, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
-    make(Planner(planned, [out]), making.asked(model, mode), making.allowed(out, shard=shard), done)
+    make(planned, [out], making.asked(model, mode), making.allowed(out, shard=shard), done)
 
 
 @options.expanded
@@ -154,7 +156,6 @@ def prompts(
     from eyechart.modes import STRUCTURED
     from eyechart.prompts import PROMPTS
     from eyechart.studies import prompts as study
-    from eyechart.studies.probes import Planner
 
     for one in json_mode or ():
         if one not in STRUCTURED:
@@ -175,8 +176,8 @@ def prompts(
     done = f"'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell"
     # A cell with its own budget says nothing about the others. The form of replies is a factor
     # here, so the probe may not fix it.
-    planner = Planner(planned, study.cells_in(out), whole=not budget)
-    make(planner, making.asked(model, mode), making.allowed(out), done, fixed={"structured": "none"})
+    asked, allowed, fixed = making.asked(model, mode), making.allowed(out), {"structured": "none"}
+    make(planned, study.cells_in(out), asked, allowed, done, fixed=fixed, whole=not budget)
 
 
 @options.expanded
@@ -197,10 +198,9 @@ def admission(
     scripted:scene_side_blind --frames bank --out adm
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probes import Planner
 
-    planner = Planner(lambda modes: study.plan(study.ADMISSION, frames, modes, out, view=view, seed=seed), [out])
-    make(planner, making.asked(model, mode), making.allowed(out), _SCENES.format(out))
+    plan = partial(study.plan, study.ADMISSION, frames, out=out, view=view, seed=seed)
+    make(plan, [out], making.asked(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -223,11 +223,9 @@ def structured(
     scenes
     """
     from eyechart.studies import structured as study
-    from eyechart.studies.probes import Planner
 
-    plan = partial(study.plan, study.STRUCTURED, view=view, seed=seed, limit=limit)
-    planner = Planner(lambda modes: plan(frames, modes, out), [out])
-    make(planner, making.asked(model, mode), making.allowed(out), _SCENES.format(out))
+    plan = partial(study.plan, study.STRUCTURED, frames, out=out, view=view, seed=seed, limit=limit)
+    make(plan, [out], making.asked(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -247,11 +245,10 @@ def _study(
     unfinished; 3: stopped at --max-calls or --max-cost.
     """
     from eyechart.studies import open_study
-    from eyechart.studies.probes import Planner
 
     study = open_study(str(ctx.info_name))
-    planner = Planner(lambda modes: study.plan(frames, modes, out, seed=seed, limit=limit), [out])
-    make(planner, making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
+    plan = partial(study.plan, frames, out=out, seed=seed, limit=limit)
+    make(plan, [out], making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
 
 
 @options.expanded
@@ -296,10 +293,9 @@ def policy(
     from eyechart.models import states
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
-    from eyechart.studies.probes import Planner
 
     given = {} if timeout_s is None else {"timeout_s": timeout_s}
-    asked = options.read_modes(policy, mode, making.how.given() | given)
+    asked = making.asked(policy, mode, **given)
 
     def planned(modes: "Sequence[RequestMode]") -> "PolicyRun":
         extent = study.PolicySelection(limit, None if shard is None else read_shard(shard), answers, shapley)
@@ -308,27 +304,31 @@ def policy(
 
     allowed = making.allowed(out, shard=shard, in_words=any(states(one.spec) for one in asked.modes))
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
-    make(Planner(planned, [out]), asked, allowed, done)
+    make(planned, [out], asked, allowed, done)
 
 
 _SCENES = "'eyechart score {}' prints the table, the clauses and every figure"
 
 
 def make(
-    study: "Planner[P]",
+    plan: "Callable[[Sequence[RequestMode]], P]",
+    runs: Sequence[Path],
     asked: "RunModes",
     allowed: "RunAllowance",
     done: str = "",
     *,
     fixed: Mapping[str, object] | None = None,
     show: "Callable[[P], object]" = lambda _: None,
+    **how: bool,
 ) -> None:
     """Plan a run of any study, probe its models, make its calls and print how it ended.
 
-    A probe changes no field that is ``fixed`` or set by an option. ``show`` prints results before
-    the end; ``done`` is the last line.
+    ``runs`` and ``how`` are those of a `Planner`. A probe changes no field that is ``fixed`` or set
+    by an option. ``show`` prints results before the end; ``done`` is the last line.
     """
-    planned, failed = _probed(study, asked, allowed, fixed or {})
+    from eyechart.studies.probes import Planner
+
+    planned, failed = _probed(Planner(plan, runs, **how), asked, allowed, fixed or {})
     say(*planned.lines(allowed))
     if allowed.dry_run:
         return
@@ -354,6 +354,7 @@ def _probed(
     from eyechart.planned_run import unasked
     from eyechart.probe import ProbeError
     from eyechart.probe.mode_probe import MOST_CALLS
+    from eyechart.report.accounts import probe_words
     from eyechart.studies import probes
 
     def ask(
@@ -366,7 +367,7 @@ def _probed(
             result = probe.probed(mode, {**asked.given, **fixed}, sample, kept, **bounds)
         except ProbeError as error:
             return error
-        say(*probe.words_of(result))
+        say(*probe_words(result))
         if result.sight.outcome == "blind":
             say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
         return result
@@ -390,55 +391,13 @@ def _bar(what: str, unit: str, also: Callable[[int, int], None]) -> "Iterator[Ca
         yield both
 
 
-@contextmanager
-def _live_page(planned: "PlannedRun", allowed: "RunAllowance") -> "Iterator[Callable[[int, int], None]]":
-    """With --watch, serve a page that shows the run during the block; yield what moves its bar."""
+def _live_page(planned: "PlannedRun", allowed: "RunAllowance") -> "AbstractContextManager[Callable[[int, int], None]]":
+    """With --watch, return what serves a page of the run during a block; it yields what moves its bar."""
     if not allowed.watch:
-        yield lambda *_: None
-        return
-    from eyechart.serve.live import LiveRun, live_server
+        return nullcontext(lambda *_: None)
+    from eyechart.serve.live import watched
 
-    live = LiveRun(planned.out, allowed.prices, unit=planned.unit)
-    words = "the page of this run is not served, and the run continues"
-    with live_server(
-        live,
-        lambda url: say(f"watch: {url} shows this run as it goes"),
-        lambda why: say(f"watch: {words}: {why}"),
-    ):
-        yield live.move
-
-
-def _with_fresh_controls(frames: Path, out: Path, shard: str | None, *, dry_run: bool) -> Path:
-    """Return the bank of a run with its own controls; it is made once in the run's folder."""
-    from secrets import randbelow
-
-    from eyechart.frames import open_bank
-    from eyechart.manifest import BANK, OWN, is_free, is_run
-    from eyechart.simulators.banks import MOST_SEED, redraw
-
-    if shard is not None:
-        raise SpecError(
-            "--fresh-controls needs one run, because shards share their pictures: leave out --shard, or build "
-            "one bank for all of them with 'eyechart frames build SIMULATOR --controls-seed N --out BANK'"
-        )
-    own = out / BANK
-    if not is_free(out):
-        bank = open_bank(frames)
-        if (
-            not (own / bank.frames[0].file).is_file()
-            or open_bank(own).manifest.fingerprint != bank.manifest.fingerprint
-        ):
-            begun = "a run that was started without --fresh-controls, or on another bank" if is_run(out) else "no run"
-            raise LedgerError(f"{out} holds {begun}; choose another --out")
-        return own
-    if dry_run:
-        say("controls: their distances will be drawn anew, into the run's folder")
-        return frames
-    with progress("controls", "frames") as move:
-        seed = redraw(frames, own, randbelow(MOST_SEED), move).manifest.controls.seed
-    (own / OWN).touch()
-    say(f"controls: drawn anew into {own} with seed {seed}")
-    return own
+    return watched(planned, allowed.prices, say)
 
 
 def merge(
@@ -450,11 +409,4 @@ def merge(
 
     calls = study.merge(shards, out)
     say(f"{counted(calls, 'call')} from {counted(len(shards), 'shard')} in {out}")
-    whole = study.begun(out)
-    left, more = whole.left(), sum(whole.more_by_model().values())
-    if left or more:
-        up_to = f", and up to {more} of control pictures" if more else ""
-        asked = whole.manifest
-        who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
-        command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {out}'"
-        say(f"{counted(left, 'call', 'are')} left{up_to}: {command}, with the options of the shards, makes them")
+    say(*study.begun(out).left_lines())

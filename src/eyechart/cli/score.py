@@ -1,24 +1,15 @@
 """Commands that read runs and change nothing."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps, read_steps
+from eyechart.cli.options import Against, Fresh, Independent, Json, PriceFile, Reread, Steps
 from eyechart.cli.terminal import as_read, print_each, print_json, print_line, print_read, say
 from eyechart.errors import SpecError
 from eyechart.kept import kept
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from eyechart.models.prices import Prices
-    from eyechart.report.table import Table
-    from eyechart.stats.statistic import Statistic
-    from eyechart.studies import Study
-
-_HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 _Run = Annotated[Path, typer.Argument(help="Folder of the run.")]
 
 
@@ -102,36 +93,17 @@ def costs(
             return {"unread": plain(study.unread(run))}
         if json:
             return study.took(run, read_prices(prices), fresh=fresh).as_dict()
-        from eyechart.report.accounts import unread_table
+        if unread:
+            from eyechart.report.accounts import unread_table
 
-        shown = (
-            [unread_table(study.unread(run))]
-            if unread
-            else _costs_printed(study, run, read_prices(prices), every=every, fresh=fresh)
+            return as_read([unread_table(study.unread(run))], names=study.models(run))
+        return as_read(
+            study.costs_printed(run, read_prices(prices), every=every, fresh=fresh), 160, names=study.models(run)
         )
-        return as_read(shown, None if unread else 160, names=study.models(run))
 
     asked = ["costs", json, every, unread]
     found = kept(run, asked, read, fresh=fresh, beside=[] if prices is None else [prices])
     print_json(found) if json else print_read(found)
-
-
-def _costs_printed(
-    study: "Study[Any]", run: Path, prices: "Prices", *, every: bool, fresh: bool
-) -> "Iterator[Table | str]":
-    """Yield what a run's calls took, what decisions cost, and the guards."""
-    from eyechart.report.accounts import costs_table
-    from eyechart.studies import ReadOptions
-
-    took = study.took(run, prices, fresh=fresh)
-    each = study.deployment([run], ReadOptions(prices=prices), {run: took})
-    tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
-    yield from (table.known() if study.callables else table for table in tables)
-    if not took.accounts:
-        yield "no model was asked: policies and worlds take no calls"
-    yield from (f"the probe of {spec} before the run also took: {probe.words}" for spec, probe in took.probes.items())
-    for spec, found in took.guards.items():
-        yield from (f"{_HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found)
 
 
 def gate(
@@ -180,7 +152,7 @@ def gate(
 
     def read() -> Any:  # noqa: ANN401 - JSON
         from eyechart.gate import read_requirements
-        from eyechart.studies import ReadOptions, study_of
+        from eyechart.studies import HELD, ReadOptions, study_of
 
         study = study_of(run, "gate")
         wanted = read_requirements(require or study.required, study.requirements)
@@ -194,7 +166,7 @@ def gate(
             made_elsewhere=made_elsewhere,
             evidence=evidence,
         )
-        lines = [f"{_HELD[one.holds]:<10}  {one.model}  {one.requirement}: {one.because}" for one in held.checks]
+        lines = [f"{HELD[one.holds]:<10}  {one.model}  {one.requirement}: {one.because}" for one in held.checks]
         said = held.as_dict()
         return {"said": said, "lines": lines, "junit": held.junit().decode(), "models": study.models(run)}
 
@@ -203,9 +175,7 @@ def gate(
     if json:
         print_json(found["said"])
     else:
-        short = shortener(found["models"])
-        for line in found["lines"] or ["cannot say: the run holds no model"]:
-            print_line(short(line))
+        print_line(*map(shortener(found["models"]), found["lines"] or ["cannot say: the run holds no model"]))
     if junit is not None:
         from eyechart.destination import whole
 
@@ -240,7 +210,7 @@ def compare(
 
     from eyechart.compare import compare as compared
     from eyechart.compare import frames_in_common
-    from eyechart.studies import ReadOptions, study_of
+    from eyechart.studies import ReadOptions, read_steps, study_of
 
     runs = [run for run in (first, second) if run is not None]
     study, *others = (study_of(run, "compare") for run in runs)
@@ -279,7 +249,6 @@ def transfer(
     statistics are those of the audit; for policies, shares of their motion, as T.swapped@cameras.
     Example: eyechart transfer run-highway drives-rover --scores perception.csv
     """
-    from eyechart.report.table import number, p_value
     from eyechart.studies import ReadOptions, each_once, study_of
     from eyechart.transfer import read_scores
     from eyechart.transfer import transfer as correlated
@@ -291,26 +260,5 @@ def transfer(
     if json:
         print_json(found.as_dict())
         return
-    lines = []
-    for cell in found.cells:
-        mean = f" (mean of {cell.runs} runs)" if cell.runs > 1 else ""
-        lines.append(f"{cell.model} on {cell.bank}: score {cell.score:g}, {measure} {cell.measured:.3f}{mean}")
-    lines += [f"left out: {line}" for line in found.left_out]
-    lines += [f"unfinished: {line}" for line in found.unfinished]
-    for name, one in (("Pearson", found.pearson), ("Spearman", found.spearman)):
-        interval = "—" if one.ci is None else f"[{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
-        why = f" ({one.note})" if one.note else ""
-        p = f"p {p_value(one.p)}{_how_found(one)}"
-        lines.append(f"{name} r = {number(one.value)}, 95 % interval {interval}, {p}, n {one.n}{why}")
     names = {name for study, run in zip(studies, runs, strict=True) for name in study.models(run)}
-    print_each(lines, names=sorted(names | set(external)))
-
-
-def _how_found(statistic: "Statistic") -> str:
-    """Return in words how a correlation's p was found; empty for any other statistic."""
-    from eyechart.report.table import p_value
-    from eyechart.stats.correlation import Correlation
-
-    if not isinstance(statistic, Correlation):
-        return ""
-    return f" ({statistic.how}{'' if statistic.p_exact is None else f'; over all orders {p_value(statistic.p_exact)}'})"
+    print_each(found.lines(), names=sorted(names | set(external)))

@@ -135,9 +135,10 @@ def print_json(values: object) -> None:
     _output().write(text + "\n")
 
 
-def print_line(text: str) -> None:
-    """Print a line on standard output without wrapping it."""
-    _output().write(_harmless(text) + "\n")
+def print_line(*lines: str) -> None:
+    """Print lines on standard output without wrapping them."""
+    for line in lines:
+        _output().write(_harmless(line) + "\n")
 
 
 def say(*lines: str) -> None:

@@ -7,8 +7,8 @@ them. What an edit may be trusted with is less than what a renderer or a stage g
 from eyechart.edits.annotations import BOXES, Annotations, ObjectBox, Photo, read_annotations
 from eyechart.edits.checks import EditLimits
 from eyechart.edits.controls import PICTURES, Moves
-from eyechart.edits.edit import METHOD, RECORD, TABLE, EditResult, EditSource, edit_photographs
-from eyechart.edits.formats import ANNOTATION_FORMATS, read_format
+from eyechart.edits.edit import METHOD, RECORD, TABLE, EditResult, EditSource, edit_photographs, import_command
+from eyechart.edits.formats import ANNOTATION_FORMATS, annotations_of, read_format
 from eyechart.edits.masks import CUTS, usual_cut
 
 __all__ = [
@@ -26,7 +26,9 @@ __all__ = [
     "Moves",
     "ObjectBox",
     "Photo",
+    "annotations_of",
     "edit_photographs",
+    "import_command",
     "read_annotations",
     "read_format",
     "usual_cut",

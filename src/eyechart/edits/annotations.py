@@ -48,7 +48,8 @@ class ObjectBox:
     ``box`` is in pixels, as in its row; ``distance_m`` is along the road to its near side, None if
     unknown. ``mask`` is a PNG file or corners ``x,y x,y …``, or empty. ``cut_out`` is a mask (h, w)
     that is at hand. ``truncated`` is the share outside of the picture. ``occluded`` is 0 for
-    visible, 1 for partly, 2 for largely covered. ``where`` names its row.
+    visible, 1 for partly, 2 for largely covered, 3 for unknown. ``where`` names its row. Raises
+    SourceError for other shares and numbers.
     """
 
     role: str
@@ -59,6 +60,14 @@ class ObjectBox:
     occluded: float = 0.0
     where: str = ""
     cut_out: Mask | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.truncated <= 1:
+            share = "it is the share outside of the picture, from 0 to 1"
+            raise SourceError(f"{self.where}: truncated is {self.truncated:g}; {share}")
+        if self.occluded not in range(4):
+            known = "it is 0 for visible, 1 for partly, 2 for largely covered, 3 for unknown"
+            raise SourceError(f"{self.where}: occluded is {self.occluded:g}; {known}")
 
 
 @dataclass(frozen=True)
@@ -93,10 +102,14 @@ class Photo:
 
 @dataclass(frozen=True)
 class Annotations:
-    """All photographs in their order, and the columns of their table that are kept."""
+    """All photographs in their order, and the columns of their table that are kept.
+
+    ``left_out`` counts pictures of the folder that a form other than the tables does not name.
+    """
 
     photos: tuple[Photo, ...]
     columns: tuple[str, ...]
+    left_out: int = 0
 
 
 def read_annotations(folder: Path, table: Path, objects: Path, boxes: str = BOXES[0]) -> Annotations:

@@ -3,7 +3,7 @@
 ``attributes`` of an annotation may hold ``distance_m``, ``role``, ``occluded`` and ``truncated``.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import msgspec
@@ -60,7 +60,8 @@ class _Set(msgspec.Struct):
 def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     """Read a JSON file; a category or a role called ``lead`` or ``own`` says so of its objects."""
     found = read_document(objects, _Set, "COCO file")
-    images = {one.id for one in found.images}
+    images = Counter(one.id for one in found.images)
+    faults.take(f"{objects.name}: {many} images have the id {one!r}" for one, many in images.items() if many > 1)
     names = {one.id: one.name.strip().lower() for one in found.categories}
     pictures, things = Photographs(folder, objects.parent), defaultdict[int | str, list[ObjectBox]](list)
     for one in found.annotations:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -72,6 +73,26 @@ class Moves:
         if not 0 <= self.shadow <= 1:
             raise SpecError(f"--shadow is a share of the lead's height, from 0 to 1; not {self.shadow:g}")
 
+    @classmethod
+    def read(
+        cls,
+        near: str | None,
+        far: str | None,
+        lane: float | None,
+        eye: float | None,
+        seed: int = 0,
+        shadow: float = 0.08,
+    ) -> Self:
+        """Return where copies are put, from ranges ``A:B``; raises SpecError without the two."""
+        if near is None or far is None:
+            raise SpecError("give --near and --far, the ranges of the lead's distances in metres, as 5:9 and 40:60")
+        return cls(_span("near", near), _span("far", far), lane, eye, seed, shadow)
+
+    @property
+    def between(self) -> float:
+        """Return a distance between near and far in metres, below which a lead is near."""
+        return round(math.sqrt(self.near[1] * self.far[0]), 1)
+
     @property
     def span(self) -> Span:
         """Return the whole range, from the nearest to the farthest place."""
@@ -81,6 +102,15 @@ class Moves:
     def apart(self) -> Span:
         """Return the range of far places of the exchange, beyond all that the exchange draws."""
         return max(self.far[0], 1.02 * exchanged(self.span)[1]), self.far[1]
+
+
+def _span(name: str, text: str) -> Span:
+    """Return a range of distances ``A:B``; raises SpecError."""
+    first, colon, last = text.partition(":")
+    try:
+        return float(first), float(last if colon else first)
+    except ValueError as error:
+        raise SpecError(f"--{name} takes two distances in metres, as 5:9; got '{text}'") from error
 
 
 @dataclass

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -52,6 +53,8 @@ METHOD = "edit/1"
 
 TABLE, RECORD, TAKEN = "table.csv", "edit.json", "taken"
 _DISTANCES = ("lead_near_m", "lead_far_m", "lead_drawn_m", "exchange_m")
+_SHOWN = 12
+"""Reasons are printed up to this number; edit.json has every one."""
 _NUMBERS = re.compile(r"\d+(\.\d+)?")
 Copy = dict[str, float]
 Progress = Callable[[int, int], None]
@@ -109,6 +112,17 @@ class EditResult:
                 found.setdefault(name, []).extend(one["scale"] for one in copies)
         return {name: [min(many), max(many)] for name, many in found.items()}
 
+    def lines(self, out: Path) -> list[str]:
+        """Return what was made into ``out`` and what was refused, a line each."""
+        lines = [f"{counted(count, 'photograph')} with {name}" for name, count in self.pictures.items()]
+        reasons = self.by_reason()
+        refused = [
+            f"not made, {counted(count, 'picture')} or all of a photograph: {why}"
+            for why, count in [*reasons.items()][:_SHOWN]
+        ]
+        more = [f"and {len(reasons) - _SHOWN} more reasons, in {out / RECORD}"] if len(reasons) > _SHOWN else []
+        return [*lines, *refused, *more, *self.notes, f"look at {out / 'sheet.png'} before you go on"]
+
     def by_reason(self) -> dict[str, int]:
         """Return how many pictures were refused, by one of the reasons that differ in numbers only."""
         first: dict[str, str] = {}
@@ -140,7 +154,7 @@ def edit_photographs(source: EditSource, moves: Moves, out: Path, progress: Prog
 
     The folder has the photographs as taken, a folder for each control picture, ``table.csv`` as
     the import reads it, ``sheet.png`` and ``edit.json``. ``progress`` gets the number of
-    photographs done. Raises SourceError with all faults if a photograph or a mask cannot be read,
+    photographs done. Raises SourceError with all faults if a photograph cannot be read,
     and if no control picture could be made; nothing is written then.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -216,6 +230,12 @@ def _parameters(source: EditSource, moves: Moves) -> dict[str, object]:
 
 
 Row = dict[str, object]
+
+_LEADLESS = (
+    "no photograph has an object with the role lead",
+    "nothing stands on the own way by --lane, --eye, the horizon, and boxes in pixels; or annotate a lead",
+)
+"""What is wrong where nothing leads: with roles that are given, and with leads that are found."""
 
 
 @dataclass
@@ -328,8 +348,10 @@ class _EditFolder:
         record = self.record
         if not record.pictures:
             few = [f"{why} ({counted(count, 'time')})" for why, count in [*record.by_reason().items()][:8]]
-            said = "; ".join(few) or "no photograph has an object with the role lead"
+            said = "; ".join(few) or _LEADLESS[self.source.finds_leads]
             raise SourceError(f"no control picture could be made, and nothing was written: {said}")
+        if left_out := self.source.annotations.left_out:
+            record.notes.append(f"{counted(left_out, 'picture', 'are')} in no annotation, and left out")
         if record.masks[BOX]:
             record.notes.append(f"{counted(record.masks[BOX], 'object', 'are')} {PRICE}")
         record.notes += [
@@ -429,3 +451,10 @@ def _annotated(pixels: RGB, scene: EditScene | None) -> RGB:
     if 0 <= row < len(shown):
         shown[row] = _YELLOW
     return shown
+
+
+def import_command(out: Path, moves: Moves) -> str:
+    """Return the command that makes a bank of an edited folder."""
+    table, threshold = str(out / TABLE), f"{moves.between:g}"
+    words = ["eyechart", "frames", "import", str(out), "--table", table, "--threshold", threshold]
+    return shlex.join([*words, "--unit", "m", "--mirror", "horizontal", "--out", "bank"])

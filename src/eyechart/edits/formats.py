@@ -5,11 +5,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eyechart.edits import coco, nuscenes
-from eyechart.edits.annotations import LEAD, OTHER, Annotations, ObjectBox, Photo, read_photos, require_one_lead
+from eyechart.edits.annotations import (
+    BOXES,
+    LEAD,
+    OTHER,
+    Annotations,
+    ObjectBox,
+    Photo,
+    read_annotations,
+    read_photos,
+    require_one_lead,
+)
 from eyechart.edits.geometry import Lines
 from eyechart.edits.lines import Sight
-from eyechart.edits.text_labels import read_kitti, read_mot, read_yolo
-from eyechart.errors import SourceError
+from eyechart.edits.text_labels import PICTURES, read_kitti, read_mot, read_yolo
+from eyechart.errors import SourceError, SpecError, require_known
 from eyechart.importing.faults import Faults
 
 TABLE = "table"
@@ -56,6 +66,9 @@ def read_format(name: str, folder: Path, objects: Path, table: Path | None) -> A
     faults.require_none(str(objects))
     if not found.photos:
         raise SourceError(f"{objects} annotates no picture of {folder}")
+    if table is None and name != "nuscenes":  # its folder has pictures of other cameras too
+        pictures = sum(path.suffix.lower() in PICTURES for path in folder.rglob("*"))
+        found = replace(found, left_out=pictures - len(found.photos))
     return found if table is None else _joined(found, read_photos(folder, table, faults), objects, faults)
 
 
@@ -100,3 +113,19 @@ def with_leads(photos: Sequence[Photo], sights: Mapping[str, Sight], lane_m: flo
 def _is_ahead(thing: ObjectBox, lines: Lines, lane_per_eye: float) -> bool:
     below = thing.box.y1 - lines.horizon
     return below > 1 and abs((thing.box.x0 + thing.box.x1) / 2 - lines.column) < lane_per_eye * below / 2
+
+
+def annotations_of(form: str, photos: Path, objects: Path, table: Path | None, boxes: str) -> Annotations:
+    """Return the annotations of two tables (the ``form`` "table"), or of one of `ANNOTATION_FORMATS`.
+
+    Raises SpecError for an unknown form, and for boxes or a missing table that do not fit it.
+    """
+    require_known(f"--format '{form}'", form, (TABLE, *ANNOTATION_FORMATS))
+    require_known(f"--boxes '{boxes}'", boxes, BOXES)
+    if form != TABLE:
+        if boxes != BOXES[0]:
+            raise SpecError(f"--boxes is for the table of objects: --format {form} says itself what its boxes are")
+        return read_format(form, photos, objects, table)
+    if table is None:
+        raise SpecError("give --table, the table of the photographs with a row each, or the --format of the objects")
+    return read_annotations(photos, table, objects, boxes)

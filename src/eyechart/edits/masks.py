@@ -19,7 +19,7 @@ CUTS = (GRABCUT, BOX)
 """How an object without a mask is cut out."""
 
 PRICE = (
-    "cut out by its box: a rectangle of road and of what stands beside travels along; a mask is better, or "
+    "cut out by the box alone: a rectangle of road and of what stands beside travels along; a mask is better, or "
     "pip install 'eyechart[edit]'"
 )
 """What a box costs that stands for a mask."""
@@ -30,6 +30,8 @@ _ROUNDS = 6
 _AGREES = 0.5
 _LEAST_OF_BOX = 0.3
 """An outline of less of its box is not the object."""
+_LEAST_OF_MASK = 0.1
+"""The same for a mask that was given."""
 
 
 def usual_cut() -> str:
@@ -44,12 +46,12 @@ def mask_of(thing: ObjectBox, pixels: RGB, folders: Sequence[Path], cut: str) ->
     box's.
     """
     height, width = pixels.shape[:2]
-    if thing.cut_out is not None:
-        return _of_box(thing.cut_out, thing, width, height), FILE
-    if thing.mask:
-        with raising(SourceError, f"{thing.where}: the mask", of=(BankError, SourceError)):
-            if thing.mask.lower().endswith(".png"):
-                return _of_box(_from_file(thing.mask, folders, width, height), thing, width, height), FILE
+    with raising(SourceError, f"{thing.where}: the mask", of=(BankError, SourceError)):
+        if thing.cut_out is not None:
+            return _of_box(thing.cut_out, thing, width, height), FILE
+        if thing.mask.lower().endswith(".png"):
+            return _of_box(_from_file(thing.mask, folders), thing, width, height), FILE
+        if thing.mask:
             return _of_box(from_corners(thing.mask, width, height), thing, width, height), POLYGON
     box = from_box(thing.box, width, height)
     if cut == GRABCUT and thing.role != OWN:
@@ -67,17 +69,14 @@ def from_box(box: Box, width: int, height: int) -> Mask:
     return made
 
 
-def _from_file(name: str, folders: Sequence[Path], width: int, height: int) -> Mask:
+def _from_file(name: str, folders: Sequence[Path]) -> Mask:
     places = [folder for folder in folders if inside(folder, name).is_file()]
     if not places:
         raise SourceError(f"there is no file '{name}' in {' or in '.join(map(str, folders))}")
     stored = read_bounded(places[0], name)
     if media_type(stored) != "image/png":
         raise SourceError(f"'{name}' is no PNG; others do not keep the values of a mask")
-    made = np.asarray((decode(stored, name) > 0).any(axis=2), np.bool_)
-    if made.shape != (height, width):
-        raise SourceError(f"'{name}' has {made.shape[1]}×{made.shape[0]} pixels, and its picture {width}×{height}")
-    return made
+    return np.asarray((decode(stored, name) > 0).any(axis=2), np.bool_)
 
 
 def from_corners(text: str, width: int, height: int) -> Mask:
@@ -104,13 +103,17 @@ def _corner(text: str) -> float:
 
 def _of_box(mask: Mask, thing: ObjectBox, width: int, height: int) -> Mask:
     """Return a mask that agrees with its box; raises SourceError for one that does not."""
-    box = from_box(thing.box, width, height)
+    if mask.shape != (height, width):
+        raise SourceError(f"it has {mask.shape[1]}×{mask.shape[0]} pixels, and its picture {width}×{height}")
     if not mask.any():
-        raise SourceError(f"{thing.where}: its mask is empty")
+        raise SourceError("it is empty")
+    box = from_box(thing.box, width, height)
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     around = from_box(Box(columns[0], rows[0], columns[-1] + 1, rows[-1] + 1), width, height)
     if (around & box).sum() < _AGREES * (around | box).sum():
-        raise SourceError(f"{thing.where}: its mask and its box are not of one object; do both fit the picture?")
+        raise SourceError("it and its box are not of one object; do both fit the picture?")
+    if mask.sum() < _LEAST_OF_MASK * box.sum():
+        raise SourceError(f"it is less than {_LEAST_OF_MASK:.0%} of its box; do its corners go round the object?")
     return mask
 
 

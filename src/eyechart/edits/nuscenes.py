@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -23,6 +23,7 @@ _OCCLUDED = {"4": 0.0, "3": 1.0}
 
 _Floats = NDArray[np.float64]
 _Three = tuple[BoundedNumber, BoundedNumber, BoundedNumber]
+_SideLength = Annotated[float, msgspec.Meta(gt=0, le=1e9)]
 _Four = tuple[BoundedNumber, BoundedNumber, BoundedNumber, BoundedNumber]
 T = TypeVar("T")
 
@@ -73,7 +74,7 @@ class _SpaceBox(_Row):
     sample_token: str
     translation: _Three
     rotation: _Four
-    size: _Three
+    size: tuple[_SideLength, _SideLength, _SideLength]
     visibility_token: str = ""
 
 
@@ -87,6 +88,8 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     drives, logs = _table(objects, "scene", _Drive), _table(objects, "log", _Log)
     boxes: dict[str, list[_SpaceBox]] = {}
     for one in _table(objects, "sample_annotation", _SpaceBox).values():
+        if one.sample_token not in samples:  # its picture would pass for an empty road
+            faults.add(f"sample_annotation {one.token}: no sample has its sample_token '{one.sample_token}'")
         boxes.setdefault(one.sample_token, []).append(one)
     pictures, photos, steps = Photographs(folder, objects), [], dict[str, int]()
     shots = [one for one in _table(objects, "sample_data", _Shot).values() if one.is_key_frame]
@@ -113,7 +116,11 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
 def _table(folder: Path, name: str, kind: type[T]) -> dict[str, T]:
     """Return a table's rows by their token."""
     rows: list[Any] = read_document(folder / f"{name}.json", list[kind], "table of nuScenes")  # type: ignore[valid-type]
-    return {row.token: row for row in rows}
+    made: dict[str, T] = {}
+    for row in rows:
+        if made.setdefault(row.token, row) is not row:
+            raise SourceError(f"{folder / name}.json has two rows of the token '{row.token}'; keep one")
+    return made
 
 
 def turned(rotation: _Four) -> _Floats:

@@ -52,7 +52,7 @@ def _of_kitti(words: list[str], where: str) -> ObjectBox:
         OTHER,
         Box(x0, y0, x1, y1),
         near if near > 0 else None,
-        truncated=max(truncated, 0.0),
+        truncated=min(max(truncated, 0.0), 1.0),
         occluded=max(occluded, 0.0),
         where=where,
     )
@@ -86,6 +86,11 @@ def read_yolo(folder: Path, objects: Path, faults: Faults) -> Annotations:
                     with faults.noted():
                         things.append(_of_yolo(line.split(), size, f"{labels.name}, line {number}"))
         photos.append(Photo(file, {}, things=tuple(things), where=labels.name))
+    away = [thing.distance_m for one in photos for thing in one.things if thing.distance_m is not None]
+    if away and max(away) <= 1:
+        faults.add(
+            f"{objects}: no distance is above 1, as if the last number of a line were a confidence: take it away"
+        )
     return Annotations(tuple(photos), ())
 
 
@@ -190,7 +195,7 @@ def numbers_of(words: Sequence[str], where: str, least: int, what: str) -> list[
     try:
         values = [float(word) for word in words]
     except ValueError as error:
-        raise SourceError(f"{where}: {error}") from error
+        raise SourceError(f"{where}: {error}; it has not the {what}") from error
     if len(values) < least or not all(abs(one) < _GREATEST for one in values):
         raise SourceError(f"{where} has not the {what}")
     return values

@@ -14,7 +14,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from eyechart.errors import BankError
+from eyechart.errors import BankError, SpecError, suggestion
 from eyechart.frames.pictures import AS_STORED, ENCODINGS, PictureEncoding, as_png, read_bounded, size_of
 from eyechart.records import LARGEST, to_json_fields
 from eyechart.spaces.discrete import Discrete
@@ -526,6 +526,20 @@ def files_of(frame: Frame) -> list[str]:
     return [file for files in (frame.pictures, *drawn, *past) for file in files.values()]
 
 
+def read_made(word: str) -> Provenance:
+    """Return how control pictures were made, "" if it is not said; raises SpecError for another word."""
+    for one in MADE:
+        if one == word:
+            return one
+    if word:
+        raise SpecError(f"--made takes {', '.join(MADE)}, not '{word}'{suggestion(word, MADE)}")
+    return ""
+
+
+_FEW = 8
+"""Frames that differ are named up to this number."""
+
+
 @dataclass(frozen=True)
 class SharedFrames:
     """The frames with equal names in two banks, in the order of the first.
@@ -549,6 +563,17 @@ class SharedFrames:
             "unlike": {frame: list(what) for frame, what in self.unlike.items()},
             "largest_differences": dict(self.furthest),
         }
+
+    def lines(self) -> list[str]:
+        """Return how many frames are shared, how far their truth differs, and the first that differ."""
+        (one, other), count, names = self.sizes, len(self.frames), list(self.unlike)
+        if not count:
+            return [f"the {one} and the {other} frames have no name in common"]
+        both = f"({one} and {other} frames): {count - len(names)} are the same moments"
+        words = [f"{count} frames are in both banks {both}"]
+        words += [f"{name}: at most {by:.3f} apart" for name, by in self.furthest.items()]
+        words += [f"{frame} differs in {', '.join(self.unlike[frame])}" for frame in names[:_FEW]]
+        return [*words, *([f"and {len(names) - _FEW} more frames differ"] if len(names) > _FEW else [])]
 
 
 def shared_frames(one: FrameBank, other: FrameBank) -> SharedFrames:

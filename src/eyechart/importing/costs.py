@@ -81,6 +81,18 @@ def _columns_taken(bank: FrameBank) -> Iterator[str]:
         yield f"columns: {', '.join(said.values())}"
     if guessed:
         yield f"columns, guessed by their names: {', '.join(guessed)}"
+    if isinstance(columns, dict) and (unplaced := _unplaced(bank, {*map(str, columns.values())})):
+        more = f" and {len(unplaced) - _MANY} more" if len(unplaced) > _MANY else ""
+        names_gap = bank.manifest.gap is None
+        of = "gap=COLUMN names the distance ahead" if names_gap else "PLACE=COLUMN gives one a place"
+        yield f"columns without a place, kept as ground truth: {', '.join(unplaced[:_MANY])}{more}; --map {of}"
+
+
+def _unplaced(bank: FrameBank, taken: set[str]) -> list[str]:
+    """Return the columns that are no place, no stratum, no distance of a moved thing, and of no prompt."""
+    first = bank.frames[0]
+    read = {*taken, *first.strata, *first.fields, *first.placed, *_PLACED.values()}
+    return [] if bank.manifest.motion is not None else [name for name in first.truth if name not in read]
 
 
 def _pixels(bank: FrameBank) -> Iterator[int]:

@@ -385,10 +385,10 @@ class MotionLog:
     def require_some(self) -> None:
         """Raise SourceError if no frame has a motion of the whole horizon."""
         if self._places and not any(self.motions()):
-            longest = max(len(steps) for steps in self._steps.values())
+            longest = max(max(self._unbroken(steps), default=0) for steps in self._steps.values())
             raise SourceError(
-                f"{self._table}: no episode has {self._logged.horizon} consecutive steps, and the longest one has "
-                f"{longest}; choose a shorter horizon"
+                f"{self._table}: no episode has {self._logged.horizon} consecutive steps, and at most {longest} "
+                "follow each other: choose no longer horizon"
             )
 
 

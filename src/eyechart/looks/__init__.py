@@ -8,16 +8,20 @@ folder, as the single commands would make them; the same look resumes there.
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eyechart.errors import SpecError, did_you_mean
 from eyechart.frames import open_bank
-from eyechart.importing.costs import taken
+from eyechart.importing.costs import costs, taken
 from eyechart.looks.answer import EXIT_CODES, Look, NextStep, PictureResult
 from eyechart.looks.models import ModelLook
 from eyechart.looks.pictures import BANK, Pictures
 from eyechart.looks.policies import PolicyLook, steps_of
 from eyechart.looks.request import Bill, LookRequest, Watch, folder_name
 from eyechart.models import ADAPTERS, POLICIES, history_of, open_model, open_policy, states
+
+if TYPE_CHECKING:
+    from eyechart.edits import Moves
 
 __all__ = [
     "EXIT_CODES",
@@ -31,6 +35,7 @@ __all__ = [
     "folder_name",
     "is_policy",
     "look",
+    "look_at_sheet",
     "spec_of",
 ]
 
@@ -90,9 +95,30 @@ def look(wanted: LookRequest, watch: Watch) -> Look:
     with watch.bar("frames", "frames") as move:
         bank = wanted.pictures.bank(wanted.out, move, steps_of(wanted) if acts else None, history)
     if brought:
-        watch.say(*taken(open_bank(bank)))
+        made = open_bank(bank)
+        watch.say(*taken(made), *costs(made))
     kind = PolicyLook if acts else ModelLook
     result = kind(wanted, bank, watch).look()
     wanted.out.mkdir(parents=True, exist_ok=True)
     (wanted.out / SUMMARY).write_text(result.markdown(), encoding="utf-8")
     return result
+
+
+def look_at_sheet(wanted: LookRequest, objects: Path, moves: "Moves", watch: Watch) -> Look:
+    """Edit a look's photographs into its folder, and return the answer that stops at the sheet."""
+    from eyechart.edits import TABLE, EditSource, edit_photographs, read_annotations  # noqa: PLC0415 - rarely used
+
+    photos, table, out = wanted.pictures.photos, wanted.pictures.table, wanted.out / "edited"
+    if photos is None or table is None:
+        raise SpecError("--objects belongs to --photos FOLDER and --table FILE: they say what these objects are in")
+    threshold = wanted.pictures.threshold or moves.between
+    brought = replace(wanted.pictures, photos=out, table=out / TABLE, threshold=threshold, unit="m")
+    step = NextStep("go on, if these are pictures of a road", replace(wanted, pictures=brought).command())
+    if out.exists():
+        raise SpecError(f"{out} was edited already: look at {out / 'sheet.png'}, then '{step.command}'")
+    source = EditSource(photos, read_annotations(photos, table, objects), objects.parent)
+    with watch.bar("edit", "photographs") as move:
+        record = edit_photographs(source, moves, out, move)
+    watch.say(*record.lines(out))
+    because = f"No call was made yet. First look at {out / 'sheet.png'}: are these pictures of a road?"
+    return Look(wanted.spec, "Inconclusive", because, next=(step,))

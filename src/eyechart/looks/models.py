@@ -15,7 +15,7 @@ from eyechart.limits import RunOutcome, Usage
 from eyechart.looks.answer import Look, NextStep, PictureResult
 from eyechart.looks.pictures import BANK
 from eyechart.looks.reach import SMALL, affordable, fewest
-from eyechart.looks.request import Bill, LookRequest, Watch, write_report
+from eyechart.looks.request import Bill, LookRequest, Watch, failed, write_report
 from eyechart.looks.sight_checks import MODE, MOST_CALLS, SightChecks, SightFailure, doctor_command, unseen
 from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models.prices import Prices, read_prices
@@ -107,6 +107,7 @@ class ModelLook:
         spec = self.wanted.spec
         settled = planned.progress()[spec].stopped is not None
         left = 0 if settled else planned.left() + planned.more_by_model()[spec]
+        left += failed(self.wanted) if self.wanted.again else 0
         examples = sum(len(message.pictures) for message in planned.plan.prompt.messages)
         mode, basis = assumed(planned.manifest.mode(spec), examples)
         expected = estimate(mode, left + more, self._prices, concurrency=AT_ONCE, at_most=True)
@@ -115,7 +116,7 @@ class ModelLook:
 
     def _made(self, planned: Battery) -> RunOutcome:
         before = Usage(calls=_asked_before(planned.manifest.mode(self.wanted.spec)))
-        allowed = RunAllowance(self._prices, max_calls=self.wanted.budget, before=before)
+        allowed = RunAllowance(self._prices, max_calls=self.wanted.budget, before=before, again=self.wanted.again)
         return planned.make(allowed, self.watch.bar)
 
     def _answered(self, outcome: RunOutcome, mode: RequestMode, *, asked: bool) -> Look:
@@ -237,6 +238,8 @@ def _steps(wanted: LookRequest, verdict: Verdict, mode: RequestMode, *, whole: b
     if not whole:
         yield NextStep("continue where it stopped", wanted.command())
         return
+    if failed(wanted):
+        yield NextStep("ask the failed calls again", wanted.command(again=True))
     if verdict.answer == "Yes":
         yield NextStep(
             "keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks"

@@ -19,7 +19,7 @@ from eyechart.limits import RunOutcome, Usage
 from eyechart.looks.answer import Look, NextStep, PictureResult
 from eyechart.looks.pictures import LONG_WAY
 from eyechart.looks.reach import affordable
-from eyechart.looks.request import Bill, LookRequest, Watch, write_report
+from eyechart.looks.request import Bill, LookRequest, Watch, failed, write_report
 from eyechart.looks.sight_checks import MOST_CALLS as OF_SIGHT
 from eyechart.looks.sight_checks import SightChecks, SightFailure, unseen
 from eyechart.manifest import LEDGER, is_run, read_manifest
@@ -108,7 +108,9 @@ class PolicyLook:
             return amiss
         before = Usage(calls=self._probed_in)
         at_once = AT_ONCE if states(wanted.spec) else 1
-        allowed = RunAllowance(read_prices(), max_calls=wanted.budget, concurrency=at_once, before=before)
+        allowed = RunAllowance(
+            read_prices(), max_calls=wanted.budget, concurrency=at_once, before=before, again=wanted.again
+        )
         outcome = planned.make(allowed, self.watch.bar)
         return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
 
@@ -138,6 +140,7 @@ class PolicyLook:
         mode, basis = assumed(self._opened.mode)
         spec = self.wanted.spec
         left += planned.more_by_model()[spec] if states(spec) else 0
+        left += failed(self.wanted) if self.wanted.again else 0
         expected = estimate(mode, left + more, read_prices(), concurrency=1)
         self.watch.agree(Bill(self._opened.mode, expected, basis))
 
@@ -251,6 +254,8 @@ def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, l
     if left:
         yield NextStep("continue where it stopped", wanted.command())
         return
+    if failed(wanted):
+        yield NextStep("ask the failed calls again", wanted.command(again=True))
     if answer == "Yes":
         yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
     elif CAMERA[label].may_be_more:

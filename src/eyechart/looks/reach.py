@@ -62,13 +62,14 @@ class SampleReach:
         able = {name: one for name, one in self.power.items() if name not in self.lacking}
         rare = {name: one for name, one in able.items() if one is not None and one < POWER}
         held = [name if one is None else f"{name} ({one:.2f})" for name, one in able.items() if name not in rare]
+        model = f"for a model that answers {NOISE:.0%} of repeats differently"
         if held:
-            how = f"; in brackets the power, for a model that answers {NOISE:.0%} of repeats differently"
-            yield f"in reach on {self.frames} frames: {', '.join(held)}{how if '(' in ''.join(held) else ''}"
+            how = f"; in brackets the power, {model}" if "(" in "".join(held) else ""
+            yield f"in reach on {self.frames} frames: {', '.join(held)}{how}"
         for name, why in self.lacking.items():
             yield f"out of reach: {name}: {_OF_MOVED if 'lead_near,' in why else why}"
         for name, one in rare.items():
-            yield f"out of reach: {name}: power {one:.2f} on {self.frames} frames; more frames raise it"
+            yield f"out of reach: {name}: power {one:.2f} on {self.frames} frames, {model}; more frames raise it"
 
 
 def fewest(bank: FrameBank, most: int) -> SampleReach:

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.costs import CostEstimate, duration
+from eyechart.ledger import Ledger
 from eyechart.looks.answer import PYTHON
 from eyechart.looks.pictures import Pictures
+from eyechart.manifest import LEDGER, is_run
 from eyechart.models import OpenedModel
 from eyechart.models.http import is_loopback
 from eyechart.models.prices import OWN_MACHINE
 from eyechart.modes import RequestMode
 from eyechart.planned_run import Bar
+from eyechart.run import failed_on_the_road
 from eyechart.studies import ReadOptions, study_of
 
 _NO_NAME = re.compile(r"[^A-Za-z0-9._]+")
@@ -28,7 +31,7 @@ class LookRequest:
     """A model or a policy, the pictures to test it on, and the folder for all files.
 
     ``by_file`` says that a request mode is given, and ``file`` is its file, if any. ``held`` is an
-    open callable. ``budget`` limits the calls.
+    open callable. ``budget`` limits the calls. ``again`` retries those that failed in transport.
     """
 
     mode: RequestMode
@@ -40,6 +43,7 @@ class LookRequest:
     budget: int | None = None
     held: OpenedModel | None = None
     file: Path | None = None
+    again: bool = False
 
     @property
     def spec(self) -> str:
@@ -56,13 +60,14 @@ class LookRequest:
         """Return the page's path."""
         return self.out / "report.html"
 
-    def command(self, *, prompt: str | None = None, out: Path | None = None) -> str:
-        """Return the command that looks again, with another prompt or folder.
+    def command(self, *, prompt: str | None = None, out: Path | None = None, again: bool = False) -> str:
+        """Return the command that looks again, with another prompt or folder, or at failed calls.
 
         It is Python code for a function in ``__main__`` of a session or notebook, which a command
         cannot reach.
         """
         given = self._given | ({} if prompt is None else {"prompt": prompt}) | {"out": str(out or self.out)}
+        given |= {"again": True} if again else {}
         module, _, name = self.spec.removeprefix("python:").rpartition(":")
         if module == "__main__":
             named = {_ARGUMENTS.get(one, one): value for one, value in given.items()}
@@ -70,7 +75,8 @@ class LookRequest:
         words: list[str] = []
         for one, value in given.items():
             many = [f"{a}={b}" for a, b in value.items()] if isinstance(value, dict) else [str(value)]
-            words += [word for each in many for word in (f"--{one.replace('_', '-')}", each)]
+            option = f"--{one.replace('_', '-')}"
+            words += [option] if value is True else [word for each in many for word in (option, each)]
         return shlex.join(["eyechart", "look", self.spec, *words])
 
     @property
@@ -97,6 +103,14 @@ class LookRequest:
         more = self.command(out=self.out.with_name(f"{self.out.name}-2"))
         goes_on = f"{self.out} was started on {frames} of {usual} frames, and keeps those, whatever the budget"
         return [f"{goes_on}; more frames need another folder: '{more}'"][: frames < usual]
+
+
+def failed(wanted: LookRequest) -> int:
+    """Return the number of calls of a look's run that failed in transport, and may be asked again."""
+    if not is_run(wanted.run):
+        return 0
+    with Ledger(wanted.run / LEDGER) as ledger:
+        return len(failed_on_the_road(ledger, [wanted.spec]))
 
 
 def folder_name(spec: str) -> str:

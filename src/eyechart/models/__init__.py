@@ -117,7 +117,8 @@ def open_policy(policy: str | RequestMode | OpenedModel, timeout_s: float | None
     usual = policy_mode(mode.spec, mode.timeout_s)
     if not states(mode.spec) and mode != usual:
         names = [one.name for one in fields(mode) if getattr(mode, one.name) != getattr(usual, one.name)]
-        raise SpecError(f"{', '.join(names)} would not change '{mode.spec}', which is called here: leave it out")
+        own = "; EYECHART_LEROBOT_PYTHON names its Python" * mode.spec.startswith("lerobot:")
+        raise SpecError(f"{', '.join(names)} would not change '{mode.spec}', which is called here: leave it out{own}")
     return OpenedModel(mode, open_model(mode.spec, mode, answering="policy"))
 
 

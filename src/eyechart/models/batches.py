@@ -30,11 +30,12 @@ class Batches:
     """Collects queries, at most ``most`` a call, and hands each the reply that is its own.
 
     ``call`` answers queries in their order. If it raises `NotEachError`, each is asked alone, so
-    that a failure is the failure of the query that causes it.
+    that a failure is the failure of the query that causes it. ``failed`` says why the last one did.
     """
 
     most: int
     call: Callable[[Sequence[Query]], Awaitable[Sequence[Reply]]]
+    failed: str = field(default="", init=False)
     _waiting: list[Waiting] = field(default_factory=list)
     _under_way: "set[asyncio.Task[None]]" = field(default_factory=set)
 
@@ -81,7 +82,8 @@ class Batches:
     async def _replies(self, queries: Sequence[Query]) -> Sequence[Reply]:
         try:
             return await self.call(queries) if queries else ()
-        except NotEachError:
+        except NotEachError as error:
+            self.failed = str(error)
             return [reply for query in queries for reply in await self.call([query])]
 
 
@@ -103,14 +105,15 @@ async def in_time(
         if isinstance(error, TimeoutError) and limit.expired():
             return [Reply(error="timeout", error_detail=f"no answer within {most_s:g} s")] * count
         if count > 1:
-            raise NotEachError from error
+            raise NotEachError(_in_words(error)) from error
         found = [error]
-    return [_failed(one) if isinstance(one, Exception) else one for one in found]
+    return [
+        Reply(error="exception", error_detail=_in_words(one)) if isinstance(one, Exception) else one for one in found
+    ]
 
 
-def _failed(error: Exception) -> Reply:
-    words = without_secrets(f"{type(error).__name__}: {error}")
-    return Reply(error="exception", error_detail=words[:500])
+def _in_words(error: Exception) -> str:
+    return without_secrets(f"{type(error).__name__}: {error}")[:500]
 
 
 def is_size(declared: object) -> TypeGuard[int | None]:

@@ -22,7 +22,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from inspect import iscoroutinefunction, signature
+from inspect import iscoroutinefunction, isgeneratorfunction, signature
 from threading import Lock, Thread
 
 import numpy as np
@@ -192,16 +192,28 @@ def _cannot_be_called(act: Act, *named: str) -> str:
     """Return why a callable cannot take its arguments; "" where it can, or has no signature."""
     if words := made_of_class(act):
         return words
-    if iscoroutinefunction(act) or iscoroutinefunction(type(act).__call__):
-        return "it is an async function; make it a plain one: each call runs in a thread of its own"
+    for is_one, words in _LATE.items():
+        if is_one(act) or is_one(type(act).__call__):
+            return words
     try:
         signature(act).bind({}, None, None, **dict.fromkeys(named))
     except TypeError as error:
         given = ", ".join(("images", "state", "instruction", *(f"{one}=" for one in named)))
-        return f"it must take the arguments ({given}), and has ({', '.join(signature(act).parameters)}): {error}"
+        own = ", ".join(signature(act).parameters)
+        if own.startswith("prompt, image"):
+            return f"it takes ({own}), as a controller does: ask it with 'eyechart run battery' and --model"
+        words = f"it must take the arguments ({given}) by position, and has ({own}): {error}"
+        return f"{words}. Name a function that takes them and calls it"
     except ValueError:  # a callable that is not written in Python has no signature
         return ""
     return ""
+
+
+_LATE: Mapping[Callable[[object], bool], str] = {
+    iscoroutinefunction: "it is an async function; make it a plain one: each call runs in a thread of its own",
+    isgeneratorfunction: "it yields; let it return the array (horizon, dimensions) instead",
+}
+"""Why functions that answer later cannot be called."""
 
 
 def _is_word(one: object) -> bool:

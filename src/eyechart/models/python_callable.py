@@ -26,14 +26,14 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from queue import SimpleQueue
-from types import CellType, CodeType, FunctionType, MethodType
+from types import CellType, CodeType, FunctionType, MethodType, ModuleType
 from typing import Any, ClassVar, TypeGuard, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from eyechart.calls import Query, Reply
-from eyechart.errors import SpecError, raising
+from eyechart.errors import SpecError, raising, suggestion
 from eyechart.frames import MOST_HISTORY
 from eyechart.messages import Turn
 from eyechart.models import HISTORY, require_options
@@ -461,13 +461,26 @@ def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
         raise SpecError(f"'python:{name}': the import of module '{module_name}' fails: {words}") from error
     ask: Any = module
     for part in function.split("."):
-        ask = getattr(ask, part, None)
+        owner, ask = ask, getattr(ask, part, None)
     if not callable(ask):
-        raise SpecError(f"'python:{name}': module '{module_name}' has no callable '{function}'")
+        own = f"'python:{name}': module '{module_name}' has no callable '{function}'"
+        raise SpecError(f"{own}{_instead(name, part, owner, ask)}")
+    if inspect.isclass(owner) and inspect.isfunction(inspect.getattr_static(owner, part)):
+        owned = f"'{part}' is a method, and its owner {made_of_class(owner).removeprefix('it ')}"
+        raise SpecError(f"'python:{name}' cannot be called: {owned}")
     if not (facts := facts_of(module)):
         return ask, "no file", {}
     facts |= version_of(facts)
     return ask, facts.pop("version"), facts
+
+
+def _instead(name: str, part: str, owner: object, found: object) -> str:
+    """Return in words what to name instead of a missing callable, or of an object that is none."""
+    if found is None:
+        return suggestion(part, vars(owner) if isinstance(owner, ModuleType) else dir(owner))
+    methods = [one for one, _ in inspect.getmembers(type(found), inspect.isfunction) if not one.startswith("_")]
+    near = f"; name one of its methods: {', '.join(f'python:{name}.{one}' for one in methods[:3])}" if methods else ""
+    return f": it is a value of type {type(found).__name__}{near}"
 
 
 def _perhaps(name: str) -> str:

@@ -324,12 +324,16 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         varies = len({asked.compared(one).action for one in (*order, *further.values())}) > 1
         seeded = model.facts.get("seedable") == "true"
         findings += [_again(compared, varies=varies, seeded=seeded)]
-        findings += [_in_a_batch(compared, [asked.compared(one) for one in together])] if together else []
+        findings += [_in_a_batch(compared, [asked.compared(one) for one in together], model)] if together else []
         reached = list(_reached(compared, {name: asked.compared(one) for name, one in changed.items()}, more))
+        constant = _varies(asked, order, further)
+        varying = _with_history(constant, model)
+        checks = (*reached, _unit(asked, further))
+        *reached, unit = checks if varying is constant else map(_of_one_answer, checks)
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
         findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
-        findings += [_with_history(_varies(asked, order, further), model), _unit(asked, further), _form(forms)]
+        findings += [varying, unit, _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
 
@@ -378,8 +382,11 @@ def _again(order: list[Decision[Motion]], *, varies: bool, seeded: bool) -> Poli
     return PolicyCheck("same", None, said)
 
 
-def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]]) -> PolicyCheck:
+def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]], model: Model) -> PolicyCheck:
     """Check whether two frames in one batch get the answers that each gets alone."""
+    if isinstance(model, PolicyCallable) and model.batches.failed:
+        said = f"two frames in a batch fail, so each was asked alone, as a run does: {model.batches.failed}"
+        return PolicyCheck("batch", False, said)
     pairs = [(order[0].action, together[0].action), (order[2].action, together[1].action)]
     known = [(alone, shared) for alone, shared in pairs if alone is not None and shared is not None]
     if len(known) < len(pairs) or _drawn(order):
@@ -560,6 +567,11 @@ def _with_history(check: PolicyCheck, model: Model) -> PolicyCheck:
         return check
     said = "It declares reset, and each call gives it one instant: if it needs earlier ones, let it declare history"
     return replace(check, fine=None, says=f"{check.says.partition(':')[0]}. {said}")
+
+
+def _of_one_answer(check: PolicyCheck) -> PolicyCheck:
+    """Return a check of answers that never vary: what failed is inconclusive."""
+    return replace(check, fine=None, says="all frames get one answer: see 'constant'") if check.fine is False else check
 
 
 def _reversed(asked: _ProbeFrames, kept: Sequence[tuple[Frame, Floats]]) -> PolicyCheck | None:

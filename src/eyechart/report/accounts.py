@@ -1,6 +1,6 @@
 """Tables of the costs of calls, and of the findings of doctor and probe."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -40,11 +40,33 @@ def doctor_table(diagnosis: "Diagnosis") -> Table:
     return Table("doctor", "", (*named, Column("p", "p")), tuple(rows))
 
 
+def doctor_printed(found: "Diagnosis") -> Iterator[Table | Text | str]:
+    """Yield the checks, the outcome, its causes, and what the calls took."""
+    yield doctor_table(found)
+    yield headline(found)
+    yield from (f"likely cause: {cause}" for cause in found.causes)
+    yield from (f"note: {note}; 'eyechart probe' writes that into a mode" for note in found.notes)
+    if found.sight.cut is not None:
+        yield f"stopped: {found.sight.cut}"
+    yield f"calls: {found.spent.words}; the same pictures again: --seed {found.seed}"
+
+
 def headline(found: "Diagnosis") -> Text:
     """Return the outcome in one line, with its reason."""
     text = Text(f"{found.mode.spec}: ")
     text.append(WORDS[found.outcome], style=_COLOUR[found.outcome])
     return text.append(f": {found.because}")
+
+
+def probe_words(found: "ProbeResult") -> list[str]:
+    """Return a probe's findings and its calls in words."""
+    outcome = {**WORDS, "cannot_say": "cannot say whether it sees"}
+    return [
+        f"{found.mode.spec}: {outcome[found.sight.outcome]}: {found.sight.because}",
+        *(f"likely cause: {cause}" for cause in found.causes),
+        *(f"note: {note}" for note in found.notes),
+        f"probe: {found.mode.spec}: {found.spent.words}",
+    ]
 
 
 def probe_table(result: "ProbeResult") -> Table:

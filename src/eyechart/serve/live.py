@@ -31,6 +31,7 @@ from eyechart.integrity import ServedChecks
 from eyechart.ledger import Attempts, Ledger, SentAttempt, columns_of
 from eyechart.manifest import LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Price, Prices
+from eyechart.planned_run import PlannedRun
 from eyechart.serve.connections import Connections
 from eyechart.serve.host_names import HostNames
 from eyechart.spaces.space import AnySpace
@@ -388,6 +389,18 @@ def live_server(
         page.end()
         if thread.ident is not None:
             thread.join(_ENDING_S)
+
+
+@contextmanager
+def watched(planned: PlannedRun, prices: Prices, tell: Callable[[str], None]) -> Iterator[Callable[[int, int], None]]:
+    """Serve the page of a run during the block; yield what moves its bar. ``tell`` gets its address."""
+    live, words = LiveRun(planned.out, prices, unit=planned.unit), "the page of this run is not served"
+    with live_server(
+        live,
+        lambda url: tell(f"watch: {url} shows this run as it goes"),
+        lambda why: tell(f"watch: {words}, and the run continues: {why}"),
+    ):
+        yield live.move
 
 
 def _say_over(loop: asyncio.AbstractEventLoop, over: asyncio.Event) -> None:

@@ -246,3 +246,15 @@ def _import(place: str) -> Callable[..., Simulator | BankSimulator]:
     module, _, attribute = place.partition(":")
     opened: Callable[..., Simulator | BankSimulator] = getattr(import_module(module), attribute)
     return opened
+
+
+def known_simulators() -> dict[str, str]:
+    """Return every preset and scenario of the simulators as it is written, with a description."""
+    declared = {name: find_simulator(name).declared for name in SIMULATORS}
+    rows = {
+        f"{name} --{option} {choice}": says
+        for name, one in declared.items()
+        for option, choices in (("preset", one.presets), ("scenarios", one.scenarios))
+        for choice, says in choices.items()
+    }
+    return rows | {written: says for written, says, _ in KINDS.values()}

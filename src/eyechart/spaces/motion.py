@@ -10,7 +10,8 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Coroutine, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal, cast, get_args
@@ -18,7 +19,7 @@ from typing import ClassVar, Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.errors import SpecError, printable, raising, suggestion
+from eyechart.errors import SpecError, counted, printable, raising, suggestion
 from eyechart.records import LARGEST, to_json_fields
 from eyechart.spaces.rotations import FREEDOM, MATRIX, Rotation, angle, compared
 from eyechart.spaces.space import Answer, AnySpace, Decision, SpaceDefaults, unparsed, why_unanswered
@@ -31,6 +32,8 @@ MOTION_READER = 1
 
 PLACES: tuple[Kind, ...] = ("absolute", "waypoints")
 _TYPES = ("<f2", "<f4", "<f8")
+_KEYS = 200
+"""The most characters of a dict's keys in an error."""
 MOST_NUMBERS = 100_000
 """A larger array is not kept."""
 
@@ -44,9 +47,39 @@ ONE_VALUE = 1e-9
 """A dimension with at most this spread has one value."""
 
 
+_ARRAY = "return the array (horizon, dimensions)"
+
+
 def _with_a_way_out(error: Exception) -> str:
     """Return an array library's error, with advice if it has none."""
+    if "inhomogeneous" in str(error):
+        return "its rows differ in length: return as many numbers for each step"
     return f"{error}; numpy has no such numbers: return .float()" if "BFloat16" in str(error) else str(error)
+
+
+def _no_array(given: object) -> str:
+    """Return in words that a value is no array, and what to return instead."""
+    name, way = type(given).__name__, _ARRAY
+    if isinstance(given, Coroutine):
+        given.close()  # or Python warns that nobody awaited it
+        way = f"{_ARRAY} that it gives: let a plain function run it, as by asyncio.run"
+    elif isinstance(given, Iterator):
+        way = f"{_ARRAY} whole, not by yield"
+    elif own := [one for one in ("actions", "action") if one in dir(given)]:
+        way = f"return its .{own[0]}"
+    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name} is no array of numbers; {way}"
+
+
+def _texts(array: npt.NDArray[np.generic]) -> str:
+    """Return in words what to return instead of texts or bytes."""
+    if array.dtype.kind == "S":
+        return "bytes are no array of numbers; return the array itself"
+    with suppress(ValueError):
+        array.astype(float)
+        return "numbers written as text are no array of numbers; return them by .astype(float)"
+    if array.ndim == 0 and str(array).lstrip()[:1] in ("[", "{"):
+        return "a text of JSON is no array of numbers; return json.loads of it"
+    return _NAMED.format("a text")
 
 
 def _holds_array(given: object) -> bool:
@@ -69,8 +102,9 @@ def _alone(given: object) -> object:
             raise ValueError(_NAMED.format(f"a {type(given).__name__} of texts"))
         if len(arrays) != 1 or arrays[0] not in {"actions", "action"} or isinstance(given[arrays[0]], Mapping):
             keys = printable(", ".join(map(repr, given))) or "none"
+            keys = keys if len(keys) <= _KEYS else f"{keys[:_KEYS]}…"
             own = f"a {type(given).__name__} is no array of numbers; its keys are {keys}"
-            raise ValueError(f"{own}: return the array (horizon, dimensions), alone or as 'actions'")
+            raise ValueError(f"{own}: {_ARRAY}, alone or as 'actions'; join its parts by np.concatenate(…, -1)")
         given = given[arrays[0]]
     if isinstance(given, list | tuple) and len(given) > 1:
         others = any(one is None or isinstance(one, Mapping) for one in given)
@@ -106,14 +140,14 @@ class Motion:
         with raising(ValueError, f"a {type(given).__name__} is no array", of=Exception, words=_with_a_way_out):
             array = np.asarray(given)
         if array.dtype.kind == "O" and not isinstance(given, np.ndarray | list | tuple):
-            raise ValueError(f"a {type(given).__name__} is no array of numbers; return the array (horizon, dimensions)")
+            raise ValueError(_no_array(given))
         if array.dtype.kind in "US":
-            raise ValueError(_NAMED.format("a text"))
+            raise ValueError(_texts(array))
         if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
-            half = "; return it as float32" if "float" in str(array.dtype) else ""
-            raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits{half}")
+            raise ValueError(f"an array of {array.dtype} has no numbers of up to 64 bits; return it as float32")
         if isinstance(given, np.ma.MaskedArray) and (hidden := int(np.ma.getmaskarray(given).sum())):
-            raise ValueError(f"{hidden} numbers of a masked array are masked, and the values below them are no answer")
+            own = f"a masked array hides {counted(hidden, 'number')}, and the values below are no answer"
+            raise ValueError(f"{own}; return an array without a mask")
         if array.size > MOST_NUMBERS:
             raise ValueError(f"an array of {array.size} numbers is too large; at most {MOST_NUMBERS} are kept")
         kind = f"<f{array.dtype.itemsize}" if array.dtype.kind == "f" else "<f8"
@@ -387,8 +421,12 @@ class MotionSpace(SpaceDefaults):
         if decision.why == "wrong_shape":
             came = Motion.read(reply.text).shape
             return f"its shape is {came}, and that of the bank's motions {self.shape}: {self._mends(came)}"
+        if decision.why == "not_finite":
+            fine = np.abs(Motion.read(reply.text).array) <= LARGEST
+            names = ", ".join(one.name for one, own in zip(self.dimensions, fine.T, strict=True) if not own.all())
+            own = f"some of its values are not numbers (NaN, infinite, or beyond {LARGEST:g}), those of {names}"
+            return f"{own}; its normalisation may lack its statistics"
         words = {
-            "not_finite": f"some of its values are not numbers (NaN, infinite, or beyond {LARGEST:g})",
             "not_a_rotation": "its numbers of a rotation give none, as a quaternion of zeros does",
             "other_bytes": "its bytes do not match its digest",
             "not_a_motion": "it is no array",

@@ -59,9 +59,24 @@ class CheckpointSeries(Protocol):
 
 
 S = TypeVar("S", bound=Score)
+HELD = {True: "holds", False: "FAILS", None: "cannot say"}
+"""The first word of a check or a guard, as it is printed."""
 NO_DRIVES = dict.fromkeys(
     ("score --against", "report --against"), "is no run of drives, and --against names a policy of one"
 )
+
+
+def read_steps(given: Sequence[str] | None, studies: "Sequence[Study[Any]]") -> dict[str, int]:
+    """Return the step of each SPEC; raises SpecError for another form or kind of run."""
+    steps = {}
+    for one in given or []:
+        spec, sign, step = one.rpartition("=")
+        if not (sign and spec and step.isdecimal()):
+            raise SpecError(f"--step is SPEC=N with a whole number, as python:my:act=20000, not '{one}'")
+        steps[spec] = int(step)
+    if steps and (others := [study.runs_are for study in studies if study.runs_are != "policies"]):
+        raise SpecError(f"--step is for checkpoints of policies, and this is a run of {others[0] or 'another kind'}")
+    return steps
 
 
 @dataclass(frozen=True)
@@ -241,6 +256,20 @@ class Study(ABC, Generic[S]):
         for name, run in self.runs(folder).items():
             costs.add(name, self.took_run(run, prices, fresh=fresh))
         return costs
+
+    def costs_printed(self, run: Path, prices: Prices, *, every: bool, fresh: bool) -> "Iterator[Table | str]":
+        """Yield what a run's calls took, what decisions cost, and the guards."""
+        from eyechart.report.accounts import costs_table  # noqa: PLC0415 - a score needs no tables
+
+        took = self.took(run, prices, fresh=fresh)
+        each = self.deployment([run], ReadOptions(prices=prices), {run: took})
+        tables = [costs_table(took.accounts, every=every), *([] if each is None else [each])]
+        yield from (table.known() if self.callables else table for table in tables)
+        if not took.accounts:
+            yield "no model was asked: policies and worlds take no calls"
+        yield from (f"the probe of {spec} before the run also took: {one.words}" for spec, one in took.probes.items())
+        for spec, found in took.guards.items():
+            yield from (f"{HELD[one.holds]:<10}  {spec}  guard '{one.name}': {one.because}" for one in found)
 
     def deployment(
         self, runs: Sequence[Path], reading: ReadOptions, took: Mapping[Path, RunCosts] | None = None
@@ -432,3 +461,11 @@ def run_json(folder: Path) -> Mapping[str, object]:
 def is_episodes(path: Path) -> bool:
     """Return whether a folder is a run of episodes, by the format of its ``run.json``."""
     return run_json(path).get("format") == EpisodesManifest.FORMAT
+
+
+def require_single(runs: Sequence[Path]) -> None:
+    """Raise SpecError that names the runs if one of these folders is a study of several."""
+    for run in runs:
+        if "" not in (parts := study_of(run).runs(run)):
+            named = ", ".join(map(str, parts.values()))
+            raise SpecError(f"{run} is a study of several runs: name one of them: {named}")

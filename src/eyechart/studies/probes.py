@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from eyechart import episodes
 from eyechart.calls import UNASKED, Reply
 from eyechart.episodes import EpisodesManifest
+from eyechart.errors import SpecError
 from eyechart.ledger import Ledger, accept_loss
 from eyechart.ledger.counter import WrittenCounts
 from eyechart.limits import Usage
 from eyechart.manifest import LEDGER, RunManifest, alone_in, is_run, read_manifest
+from eyechart.models import find_mode
 from eyechart.models.prices import Prices
-from eyechart.modes import RequestMode
+from eyechart.modes import RequestMode, mode_of
 from eyechart.planned_run import PlannedRun, RunAllowance
 from eyechart.studies import is_episodes
 
@@ -46,6 +48,35 @@ class RunModes:
     modes: Sequence[RequestMode]
     by_option: frozenset[str]
     given: Mapping[str, object]
+
+
+def read_modes(
+    specs: Sequence[str] | None,
+    files: Sequence[Path] | None,
+    given: Mapping[str, object],
+    tell: Callable[[str], None] = lambda _: None,
+) -> RunModes:
+    """Return the request modes of a command: from its files, and from options for all other SPECs.
+
+    Raises SpecError if two files are for one model, or options would apply to no model.
+    """
+    by_file: dict[str, RequestMode] = {}
+    for file in files or ():
+        mode = find_mode(file)
+        if mode.about.get("tested") == "no" and mode.measured is None:
+            then = f"'eyechart probe {file} --out FILE.toml' tries it"
+            tell(f"note: the mode {file} of {mode.spec} was never tried; {then}")
+        if mode.spec in by_file:
+            raise SpecError(f"{file}: another --mode is for '{mode.spec}' too: give one of them")
+        by_file[mode.spec] = mode
+    names = list(dict.fromkeys([*(specs or ()), *by_file]))
+    rest = [spec for spec in names if spec not in by_file]
+    if given and not rest:
+        raise SpecError(
+            f"{', '.join(given)} would change no model: those with a --mode file are asked as the file says"
+        )
+    asked = {spec: mode_of(spec, given) for spec in rest}
+    return RunModes([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
 
 
 NOBODY = RunModes((), frozenset(), {})

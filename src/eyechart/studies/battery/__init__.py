@@ -19,6 +19,7 @@ from eyechart.studies.battery.plans import (
     resume_manifest,
     run,
     sample_of,
+    with_fresh_controls,
     writing,
 )
 from eyechart.studies.battery.questions import Questions, questions_left, questions_of, write_questions
@@ -56,6 +57,7 @@ __all__ = [
     "taken",
     "took",
     "took_run",
+    "with_fresh_controls",
     "write_questions",
     "writing",
 ]

@@ -79,21 +79,19 @@ class _ClaimStatistics(dict[str, Statistic]):
 
 
 @dataclass(frozen=True)
-class UnrenderedBank:
-    """How control pictures were made, and what the test of the photographs as taken needs."""
+class WholeRun:
+    """What the rules of a whole run read of the bank besides the answers, and their seed."""
 
-    made: Provenance
-    gap: Gap | None
-    independent: bool
-    seed: int
+    gap: Gap | None = None
+    made: Provenance = "rendered"
+    independent: bool = False
+    seed: int = 0
 
     @classmethod
-    def of(cls, bank: BankManifest, seed: int) -> "UnrenderedBank | None":
-        """Return those of a bank; None where its control pictures are rendered."""
-        if bank.provenance == "rendered":
-            return None
+    def of(cls, bank: BankManifest, seed: int) -> "WholeRun":
+        """Return those of a bank; its gap as `read_answers` has it."""
         read = bank.independent or "episode" not in bank.absent
-        return cls(bank.provenance, bank.gap if read else None, bank.independent, seed)
+        return cls(bank.gap if read else None, bank.provenance, bank.independent, seed)
 
 
 @dataclass(frozen=True)
@@ -101,8 +99,7 @@ class QuestionOrder:
     """The calls of one model: frames in the order in which they count, and the conditions of each.
 
     ``controls`` are further conditions that may follow; those of ``depth`` only if the frames have
-    all that it needs. ``frames`` are the same frames in the order of the bank. ``photographs`` is
-    what the rules of a whole run read besides, of banks whose control pictures are not rendered.
+    all that it needs. ``frames`` are the same frames in the order of the bank.
     """
 
     frames: tuple[Frame, ...]
@@ -110,7 +107,7 @@ class QuestionOrder:
     asked: Mapping[str, tuple[str, ...]]
     space: Discrete
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    photographs: "UnrenderedBank | None" = None
+    whole: WholeRun = WholeRun()
 
     @cached_property
     def shown(self) -> frozenset[str]:
@@ -276,13 +273,10 @@ class StoppingState:
 
     def _ruled(self, walk: SequentialTest, given: Mapping[tuple[str, str], Decision[str]]) -> str:
         """Return the label of the whole-run rules, for all frames and the walk's conditions."""
-        frames = self.layout.frames
+        frames, of = self.layout.frames, self.layout.whole
         shown = {name: tuple(given.get((frame.id, name)) for frame in frames) for name in sorted(walk.conditions)}
-        answers, of = Answers("", frames, self.layout.space, None, shown), self.layout.photographs
-        tests = CalibratedTests(answers, Resampling())
-        if of is not None:
-            answers = replace(answers, gap=of.gap, made=of.made)
-            tests = CalibratedTests(answers, Resampling(seed=of.seed), of.independent)
+        answers = Answers("", frames, self.layout.space, of.gap, shown, made=of.made)
+        tests = CalibratedTests(answers, Resampling(seed=of.seed), of.independent)
         return calibrated_rules(LazyStatistics(tests.tests()), turns=False)[0].label
 
     def _count(self, row: FrameAnswers) -> None:
@@ -369,7 +363,7 @@ def layout_for(plan: Plan, model: str) -> QuestionOrder:
         asked[key.frame].append(key.condition)
     by_frame = {frame: tuple(names) for frame, names in asked.items()}
     layout = layout_of(plan.frames, by_frame, plan.bank.manifest.action_space, plan.seed)
-    return replace(layout, photographs=UnrenderedBank.of(plan.bank.manifest, plan.seed))
+    return replace(layout, whole=WholeRun.of(plan.bank.manifest, plan.seed))
 
 
 class EarlyStop(Stages):
@@ -482,12 +476,15 @@ def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], D
         for frame, names in layout.asked.items()
         for name in (*names, *layout.controls.get(frame, ()))
     }
-    return found | (dict.fromkeys(_nearer(layout.frames) & found.keys(), other) if label == "depth" else {})
+    return found | (dict.fromkeys(_nearer(layout) & found.keys(), other) if label == "depth" else {})
 
 
-def _nearer(frames: Sequence[Frame]) -> set[tuple[str, str]]:
+def _nearer(layout: QuestionOrder) -> set[tuple[str, str]]:
     """Return the pictures, by frame and condition, whose lead is nearer than the farthest."""
     columns = {name: AT[picture][0] for picture in ("drawn", "own") for name in TWICE[picture]}
-    told = {(frame.id, name): frame.truth.get(column) for frame in frames for name, column in columns.items()}
+    told = {(frame.id, name): frame.truth.get(column) for frame in layout.frames for name, column in columns.items()}
     known = {key: float(one) for key, one in told.items() if isinstance(one, int | float)}
-    return {key for key, one in known.items() if one < 0.7 * max(known.values())}
+    cut, gap = 0.7 * max(known.values(), default=0.0), layout.whole.gap
+    if known and gap:
+        known |= {(frame.id, name): gap.of(frame) for frame in layout.frames for name in TWICE["real"]}
+    return {key for key, one in known.items() if one < cut}

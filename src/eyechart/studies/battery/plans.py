@@ -1,10 +1,11 @@
 """Plans, runs and merges batteries: every frame under every condition, and no call twice."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
+from secrets import randbelow
 from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from eyechart.channels import require_history
@@ -35,8 +36,10 @@ from eyechart.frames import AS_STORED, ENCODINGS, IMPORTED, FrameBank, check, op
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome
 from eyechart.manifest import (
+    BANK,
     CONTROLS_ASKED,
     LEDGER,
+    OWN,
     RunManifest,
     alone_in,
     asked_of,
@@ -294,6 +297,15 @@ class Battery(PlannedRun):
     def _asked(self, ledger: Ledger) -> dict[str, ControlProgress]:
         progresses = stages_of(self.manifest, plan_of(self.manifest, self.plan.bank), ledger)
         return {spec: progresses[spec] for spec in self.plan.models}
+
+    def left_lines(self) -> Iterator[str]:
+        """Yield, of a run that is not finished, what is left and the command that makes it."""
+        left, more, asked = self.left(), sum(self.more_by_model().values()), self.manifest
+        if left or more:
+            up_to = f", and up to {more} of control pictures" if more else ""
+            who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
+            command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {self.out}'"
+            yield f"{counted(left, 'call', 'are')} left{up_to}: {command}, with the options of the shards, makes them"
 
     def left(self) -> int:
         """Return how many calls of all models remain."""
@@ -612,6 +624,44 @@ def merge(shards: Sequence[Path], out: Path) -> int:
                 with Ledger(shard / LEDGER) as ledger:
                     calls += merged.absorb(ledger)
     return calls
+
+
+def with_fresh_controls(
+    frames: Path,
+    out: Path,
+    shard: str | None,
+    *,
+    dry_run: bool,
+    tell: Callable[[str], None],
+    bar: Bar,
+) -> Path:
+    """Return the bank of a run with its own controls, which is made once in the run's folder.
+
+    Raises SpecError for a shard, and LedgerError if ``out`` holds another run.
+    """
+    from eyechart.simulators.banks import MOST_SEED, redraw  # noqa: PLC0415 - few runs draw pictures
+
+    if shard is not None:
+        raise SpecError(
+            "--fresh-controls needs one run, because shards share their pictures: leave out --shard, or build "
+            "one bank for all of them with 'eyechart frames build SIMULATOR --controls-seed N --out BANK'"
+        )
+    own = out / BANK
+    if not is_free(out):
+        bank = open_bank(frames)
+        has_own = (own / bank.frames[0].file).is_file()
+        if not has_own or open_bank(own).manifest.fingerprint != bank.manifest.fingerprint:
+            begun = "a run that was started without --fresh-controls, or on another bank" if is_run(out) else "no run"
+            raise LedgerError(f"{out} holds {begun}; choose another --out")
+        return own
+    if dry_run:
+        tell("controls: their distances will be drawn anew, into the run's folder")
+        return frames
+    with bar("controls", "frames") as move:
+        seed = redraw(frames, own, randbelow(MOST_SEED), move).manifest.controls.seed
+    (own / OWN).touch()
+    tell(f"controls: drawn anew into {own} with seed {seed}")
+    return own
 
 
 def begun(out: Path) -> Battery:

@@ -87,7 +87,8 @@ def _asked_in(attempts: Attempts, plan: Plan) -> Iterator[list[int]]:
 def _shown(attempts: Attempts, rows: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
     """Return a number of each row's condition and frame."""
     conditions, frames = (attempts.codes[name][rows].astype(np.int64) for name in ("condition", "frame"))
-    return conditions * len(attempts.names["frame"]) + frames
+    shown: NDArray[np.int64] = conditions * len(attempts.names["frame"]) + frames
+    return shown
 
 
 def _words(wrong: list[CallKey]) -> str:

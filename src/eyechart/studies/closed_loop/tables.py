@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 
-from eyechart.episodes import UnfinishedEpisodes
+from eyechart.episodes import EpisodeMeans, UnfinishedEpisodes
 from eyechart.integrity import ServedGuard
 from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, number, statistic_cells
 from eyechart.stats.statistic import Statistic
@@ -447,3 +447,21 @@ def _twins_printed(score: ClosedLoopScore) -> Iterator[str]:
         yield f"{twin.kind}: {names}: identical in {twin.same} of {twin.worlds} worlds: {twin.words}"
     for two in score.repeats:
         yield f"{'suspect caching: ' if two.suspect else ''}{two.driver.label}: {two.words}"
+
+
+def means_table(simulator: str, rows: Sequence[EpisodeMeans]) -> Table:
+    """Return the means over the episodes of each policy under each condition."""
+    named = (
+        *(Column("policy", "word"), Column("condition", "word"), Column("episodes", "count")),
+        *(Column("distance m", "number", 1), Column("reward", "number", 2), Column("speed m/s", "number", 1)),
+        *(Column("crashed", "number", 1, 100, "%"), Column("no decision", "number", 1, 100, "%")),
+        Column("errors", "count"),
+    )
+    cells = tuple(
+        (
+            *(row.policy, row.condition, row.episodes, row.distance_m, row.reward, row.speed_mps),
+            *(row.crash_rate, row.without_decision, row.errors),
+        )
+        for row in rows
+    )
+    return Table("means", f"{simulator}: means over episodes", named, cells)

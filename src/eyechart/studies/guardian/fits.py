@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eyechart.errors import GuardianError
+from eyechart.errors import GuardianError, suggestion
 from eyechart.stats.committee_votes import MISSING, POINTS, Costs, Point, select, select_without_each, tally
 from eyechart.studies.guardian.frozen import FrozenGuardian, Selection
 from eyechart.studies.guardian.scores import Metrics, measure
@@ -56,6 +56,13 @@ def fit(
             costs=costs,
         ),
     )
+
+
+def read_point(name: str | None) -> Point | None:
+    """Return the operating point of this name; raises GuardianError for an unknown one."""
+    if name is not None and name not in POINTS:
+        raise GuardianError(f"--point is one of {', '.join(POINTS)}, not '{name}'{suggestion(name, POINTS)}")
+    return next((point for point in POINTS if point == name), None)
 
 
 def _candidates(table: VoteTable, size: int, models: Sequence[str]) -> tuple[str, ...]:

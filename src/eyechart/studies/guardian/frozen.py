@@ -157,6 +157,23 @@ class FrozenGuardian:
         shared = shared_frames(table, self.selection.frames, self.selection.pictures)
         return table.without([frame for frame, _, _ in shared])
 
+    def scorable(self, table: VoteTable, *, unseen: bool) -> tuple[VoteTable, dict[str, object], list[str]]:
+        """Return the frames of a table to score on, and what was left out, by reason and in words.
+
+        Without ``unseen`` nothing is left out. Raises GuardianError if no frame is left.
+        """
+        if not unseen:
+            return table, {}, []
+        kept, left = self.unseen(table), self.left_out(table)
+        if table.frames and not kept.frames:
+            raise GuardianError(
+                f"all {len(table.frames)} frames of {table.name} chose this guardian, so none is left to score: "
+                "give votes on other frames, as 'eyechart run structured' makes them"
+            )
+        why = ", ".join(f"{count} {words}" for words, count in left.items())
+        words = f"{sum(left.values())} of {len(table.frames)} frames are left out{why and f': {why}'}"
+        return kept, {"left_out": left}, [words]
+
     def left_out(self, table: VoteTable) -> dict[str, int]:
         """Return how many frames of a table ``unseen`` leaves out, by reason."""
         if self.selection is None:

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -11,12 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from eyechart.calls import CallKey, Reply
-from eyechart.errors import SourceError, VoteError
-from eyechart.frames import Frame, FrameBank
+from eyechart.errors import BankError, SourceError, VoteError, raising
+from eyechart.frames import Frame, FrameBank, open_bank
 from eyechart.importing.tables import open_table
 from eyechart.integrity import names_of
 from eyechart.ledger import Ledger
-from eyechart.manifest import LEDGER, read_run
+from eyechart.manifest import LEDGER, is_run, read_run
 from eyechart.modes import RequestMode
 from eyechart.prompts import close_m_of
 from eyechart.spaces.discrete import read_toml
@@ -199,6 +200,35 @@ CONDITIONS = ("real", "mirrored")
 """The conditions of a model's two votes, in the order of `VIEWS`."""
 
 
+def votes_from(
+    source: Path,
+    *,
+    bank: FrameBank | None,
+    about: Path | None,
+    columns: Mapping[str, str],
+    hazard: str = HAZARD_COLUMN,
+    reread: bool = False,
+) -> VoteTable:
+    """Return the votes of a run's folder (`votes_of_run`), or of a table (`read_votes`).
+
+    A run records how its votes were made, so it takes no ``about`` or ``columns``, and no other
+    bank than its own. Raises VoteError.
+    """
+    if not source.exists():
+        raise VoteError(f"{source} does not exist: give the folder of a run of scene estimates, or a table of votes")
+    if not source.is_dir():
+        return read_votes(source, bank=bank, about=about, columns=columns, hazard=hazard)
+    if about is not None or columns:
+        raise VoteError(f"{source} is a run and already records how its votes were made: leave out --about and --map")
+    table = votes_of_run(source, hazard=hazard, reread=reread)
+    if bank is not None and bank.manifest.fingerprint != table.about.bank:
+        raise VoteError(
+            f"{source} is a run on the bank {table.about.bank_name}, and {bank.root} is another one: the bank differs; "
+            "give that run's bank to --frames, or leave that out"
+        )
+    return table
+
+
 def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = False) -> VoteTable:
     """Return the votes of every model of a run; other replies are missing votes with a reason.
 
@@ -206,6 +236,7 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
     VoteError if the folder is no run of scene estimates, or if another version of the reader began
     it and ``reread`` is not set.
     """
+    _require_no_bank(path)
     manifest, bank = read_run(path)
     if not manifest.prompt.asks_scene:
         raise VoteError(f"{path} is a run of the study '{manifest.study}', whose replies are no scene estimates")
@@ -257,6 +288,23 @@ def votes_of_run(path: Path, *, hazard: str = HAZARD_COLUMN, reread: bool = Fals
         },
         why=why,
     )
+
+
+def read_ids(path: Path) -> list[str]:
+    """Return the ids of frames in a file, one a line; raises VoteError if it is no text."""
+    with raising(VoteError, f"{path} is no list of frame ids, one a line", of=(OSError, ValueError)):
+        return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+
+
+def _require_no_bank(folder: Path) -> None:
+    """Raise VoteError for a bank, and say how it becomes votes."""
+    if is_run(folder):
+        return
+    with suppress(BankError):  # the reader of the run reports what else is wrong
+        open_bank(folder)
+        asked = "admission", "structured"
+        ways = " or ".join(f"'eyechart run {one} --model SPEC --frames {folder} --out RUN'" for one in asked)
+        raise VoteError(f"{folder} is a bank, which holds no votes: ask models with {ways}, and give that run's folder")
 
 
 def _served_as(names: Mapping[str, str]) -> str | None:

@@ -175,6 +175,18 @@ class VoteTable:
             raise VoteError(f"{self.name} has no column 'split', which says what a frame is for: {', '.join(PARTS)}")
         return self.rows(place for place, part in enumerate(self.split) if part in names)
 
+    def for_use(self, name: str) -> "VoteTable":
+        """Return the frames of a part, or all frames of a table without a column ``split``."""
+        return self if self.split is None else self.part(name)
+
+    def parted(self, bound_episodes: Collection[str] | None) -> "tuple[VoteTable, VoteTable | None]":
+        """Return the frames to score and those for the bound: episodes of this name, or a split."""
+        if bound_episodes is not None:
+            fresh = self.of_episodes(bound_episodes)
+            return self.without(fresh.frames).for_use("score"), fresh
+        has_bound = self.split is not None and "bound" in self.split
+        return self.for_use("score"), self.part("bound") if has_bound else None
+
     def of_episodes(self, names: Collection[str]) -> "VoteTable":
         """Return the frames of these episodes; raises VoteError for an unknown one."""
         asked = set(names)

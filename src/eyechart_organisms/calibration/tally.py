@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from eyechart.calibrate import early_stops as stopping
-from eyechart.calibrate.early_stops import EarlyStopOutcome, Sums
-from eyechart.calibrate.known_answers import KNOWN, NULLS, adversaries, is_false
-from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.errors import SpecError
 from eyechart.records import to_json_fields
 from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.statistic import Statistic
+from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart_organisms.calibration import early_stops as stopping
+from eyechart_organisms.calibration.early_stops import EarlyStopOutcome, Sums
+from eyechart_organisms.calibration.known_answers import KNOWN, NULLS, is_false
+from eyechart_organisms.calibration.world import POWER, SETTINGS
 
 FORMAT = "eyechart-calibration/1"
 VARIANTS = ("with counterfactuals", "without counterfactuals")
@@ -58,6 +59,23 @@ FALSE: Mapping[tuple[str, str], float] = {
 
 AGAINST: Mapping[str, float] = {"depth": 0.01, "depth_lateral": 0.01, "turns_clear": 0.01, "absence": 0.005}
 """The largest share of each false claim over all adversaries for which it is false."""
+
+LIMITS: Mapping[str, tuple[float, str]] = {
+    "between_reversed_20": (0.16, "untrue, of a fifth of the frames between 9 and 49 m"),
+    "patched_25": (0.93, "neither true nor untrue: 5 of 100 pairs are the wrong way round"),
+    "exchange_reversed_35": (0.29, "neither true nor untrue: a neighbour near does half of what a lead does"),
+}
+"""The largest share of ``depth`` of adversaries that are named, and what is true of them.
+
+Each is the end of the 99 % interval of what was measured in 200 banks. It replaces `AGAINST` for
+that adversary alone: what is untrue still counts in the share over all.
+"""
+
+WEAK: Mapping[str, tuple[float, str]] = {
+    "half_blind": (0.69, "it reads half of the frames"),
+    "grades_noise_50": (0.58, "half of its answers are a coin"),
+}
+"""The least share of ``depth`` of readers below ordinary quality, in place of `RIGHT`."""
 
 STRICT_FROM = 200
 """From this many replications, a target applies to the share; below, to its 95 % interval."""
@@ -115,6 +133,31 @@ class FalseClaims:
         surely = any(one.ci is not None and one.ci[0] > self.wanted for one in (self.pooled, self.worst_rate))
         strict = self.worst_rate.n >= STRICT_FROM
         return not surely and not (strict and (self.pooled.value or 0.0) > self.wanted)
+
+
+@dataclass(frozen=True, slots=True)
+class NamedLimit:
+    """How often one gets ``depth`` that passes, or falls short, and the bound of that."""
+
+    name: str
+    share: Statistic
+    bound: float
+    reads: bool
+    why: str
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the share, or below `STRICT_FROM` cases its interval, reaches the bound."""
+        value, (low, high) = self.share.value or 0.0, self.share.ci or (0.0, 1.0)
+        if self.share.n >= STRICT_FROM:
+            low = high = value
+        return high >= self.bound if self.reads else low <= self.bound
+
+    def __str__(self) -> str:
+        wrong, n = _counted(self.share)
+        low, high = self.share.ci or (0.0, 1.0)
+        wanted = f"at {'least' if self.reads else 'most'} {self.bound}"
+        return f"{self.name} gets depth {wrong} of {n} times [{low:.3f}, {high:.3f}], {wanted}: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -185,21 +228,33 @@ class Calibration:
         """Return the rate of a false claim for each adversary that it could wrong."""
         result = {}
         for name, counts in self.adversaries.items():
-            false = {called: claim in adversaries()[name].is_false(*called.split("/")) for called in counts}
-            if adversaries()[name].may_be_wronged(claim):
+            false = {called: claim in ADVERSARIES[name].is_false(*called.split("/")) for called in counts}
+            if ADVERSARIES[name].may_be_wronged(claim):
                 result[name] = rate(sum(counts[called] for called in counts if false[called]), sum(counts.values()))
         return result
 
     def missed_readers(self) -> dict[str, Statistic]:
         """Return how often each adversary that reads the lead's distance got such a label."""
         return {
-            name: rate(
-                sum(n for called, n in counts.items() if called.startswith("depth/") or "depth_lateral/" in called),
-                sum(counts.values()),
-            )
-            for name, counts in self.adversaries.items()
-            if adversaries()[name].follows
+            name: self._called(name, ("partial_depth",) if ADVERSARIES[name].near else ())
+            for name in self.adversaries
+            if ADVERSARIES[name].follows
         }
+
+    def limits(self) -> list[NamedLimit]:
+        """Return those that are named, of who was tried."""
+        return [
+            NamedLimit(name, self._called(name), bound, reads, why)
+            for reads, named in ((False, LIMITS), (True, WEAK))
+            for name, (bound, why) in named.items()
+            if name in self.adversaries
+        ]
+
+    def _called(self, name: str, more: Sequence[str] = ()) -> Statistic:
+        """Return how often an adversary is called depth, or one of more labels."""
+        counts = self.adversaries[name]
+        right = {*CLAIMS["depth"], *more}
+        return rate(sum(n for called, n in counts.items() if called.split("/")[0] in right), sum(counts.values()))
 
     def type_one(self, setting: str, test: str) -> Statistic:
         """Return how often a test rejected where its null is true, at its own level."""
@@ -231,7 +286,7 @@ class Calibration:
 
     def _fooled(self) -> list[str]:
         """Return the claims that adversaries got too often, and readers' labels got too seldom."""
-        found = []
+        found = [str(one) for one in self.limits() if not one.holds]
         for claim, wanted in AGAINST.items():
             each = self.fooled(claim)
             wrong, n = (
@@ -243,13 +298,14 @@ class Calibration:
                 found.append(f"false {claim} of adversaries: {wrong} of {n}, wanted {wanted}")
             for name, one in each.items():
                 wrong, n = _counted(one)
-                if wrong / n > wanted + 2 * math.sqrt(wanted * (1 - wanted) / n):
+                bounded = claim == "depth" and name in LIMITS
+                if not bounded and wrong / n > wanted + 2 * math.sqrt(wanted * (1 - wanted) / n):
                     most = f"wanted at most {wanted} and two standard errors"
                     found.append(f"adversary {name} gets {claim} {wrong} of {n} times, {most}")
         return found + [
             f"{name} reads the distance and gets that label in {reader.value:.3f} of {reader.n} cases, wanted {RIGHT}"
             for name, reader in self.missed_readers().items()
-            if reader.ci is not None and reader.ci[1] < RIGHT
+            if name not in WEAK and reader.ci is not None and reader.ci[1] < RIGHT
         ]
 
     def as_dict(self) -> dict[str, object]:
@@ -286,9 +342,10 @@ class Calibration:
             },
             **to_json_fields(self, "tests early ever"),
             "adversaries": {
-                name: {"says": adversaries()[name].says, "deserves": adversaries()[name].deserves, "called": counts}
+                name: {"says": ADVERSARIES[name].says, "deserves": ADVERSARIES[name].deserves, "called": counts}
                 for name, counts in self.adversaries.items()
             },
+            "limits": [{**to_json_fields(one, "name bound why holds"), **_plain(one.share)} for one in self.limits()],
             "power": [setting for setting in POWER if setting in self.settings],
             "misses": self.misses(),
         }

@@ -11,20 +11,6 @@ import msgspec
 import numpy as np
 
 from eyechart import __version__, verdicts
-from eyechart.calibrate.early_stops import MEASURED, count_rejections, sampled, stop_early
-from eyechart.calibrate.known_answers import (
-    KNOWN,
-    NULLS,
-    BankCapabilities,
-    KnownController,
-    adversaries,
-    answer_all,
-    by_sight,
-    deserved,
-    is_false,
-)
-from eyechart.calibrate.tally import AdversaryTrial, Calibration, ReplicationOutcome, RuleOutcome, label_counts, tally
-from eyechart.calibrate.world import SETTINGS, Setting, World, make_world
 from eyechart.calls import Reply
 from eyechart.clusters import Workers, require_engine
 from eyechart.conditions import CONDITIONS, CONTROLS, COUNTERFACTUALS
@@ -40,6 +26,27 @@ from eyechart.studies.battery.answers import ABSENT, Answers
 from eyechart.studies.battery.calibrated_statistics import COUNTERFACTUAL_TESTS, CalibratedTests, LazyStatistics
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
+from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart_organisms.calibration.early_stops import MEASURED, count_rejections, sampled, stop_early
+from eyechart_organisms.calibration.known_answers import (
+    KNOWN,
+    NULLS,
+    BankCapabilities,
+    KnownController,
+    answer_all,
+    by_sight,
+    deserved,
+    is_false,
+)
+from eyechart_organisms.calibration.tally import (
+    AdversaryTrial,
+    Calibration,
+    ReplicationOutcome,
+    RuleOutcome,
+    label_counts,
+    tally,
+)
+from eyechart_organisms.calibration.world import SETTINGS, Setting, World, make_world
 
 RESAMPLES = 999
 """Resamples of each permutation test; its level does not depend on their number."""
@@ -83,10 +90,8 @@ def calibrate(
     The result depends on the seed alone, not on ``processes`` or ``engine``: processes of this
     machine ("local"), or tasks on a cluster ("ray"). ``progress`` gets (banks done,
     total). ``keep`` is a file of finished banks: they are not simulated again, and new ones are
-    appended. Raises SpecError for an unknown setting, a number below 1, a file with other content,
-    or if ``eyechart-organisms`` is not installed.
+    appended. Raises SpecError for an unknown setting, a number below 1, or a file with other content.
     """
-    adversaries()
     chosen = tuple(settings) if settings is not None else tuple(SETTINGS)
     for name in chosen:
         require_known(f"setting '{name}'", name, SETTINGS)
@@ -167,7 +172,7 @@ def try_adversaries(task: Task) -> list[AdversaryTrial]:
     world = make_world(SETTINGS[task.setting], np.random.default_rng(key_seed(*key, "world")))
     how = Resampling(resamples=RESAMPLES, seed=key_seed(*key, "tests"), intervals=False)
     result = []
-    for name, adversary in adversaries().items():
+    for name, adversary in ADVERSARIES.items():
         known = KnownController(name, adversary.says, by_sight(adversary.decide), "", "", "")
         rng = random.Random(key_seed(*key, name))  # noqa: S311 - no secret
         answers = answers_of(known, SETTINGS[task.setting], world, rng)

@@ -8,16 +8,16 @@ import random
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from eyechart.calibrate.known_answers import is_false
 from eyechart.conditions import BATTERY, CONTROLS, COUNTERFACTUALS, SAMPLED, sample
 from eyechart.frames import Frame
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.studies.battery.answers import Answers
-from eyechart.studies.battery.early_stop import StoppingState, layout_of
+from eyechart.studies.battery.early_stop import StoppingState, WholeRun, layout_of
 from eyechart.studies.battery.evidence import ALONE, FrameAnswers, claims
 from eyechart.verdicts import FLOOR, MARGIN, NET_ALPHA, UNPARSED_CUT
+from eyechart_organisms.calibration.known_answers import is_false
 
 DRAWS = 10
 """Draws of each null in one replication of the setting ``default``."""
@@ -262,7 +262,8 @@ def stop_early(
                     given[frame.id, name] = one
                     asked[frame.id].append(name)
     by_frame = {frame: tuple(names) for frame, names in asked.items()}
-    course = StoppingState(layout_of(answers.frames, by_frame, DRIVING, seed))
+    layout = layout_of(answers.frames, by_frame, DRIVING, seed)
+    course = StoppingState(replace(layout, whole=WholeRun(answers.gap, seed=seed)))
     course.advance(given)
     stopped = course.stopped(len(course.counted))
     if stopped is None:

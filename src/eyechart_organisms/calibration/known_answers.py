@@ -3,14 +3,9 @@
 import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from eyechart.calibrate.world import SimulatedView, World
-from eyechart.models import organisms_folder
 from eyechart.models.scripted import CONTROLLERS, Answer, Decide
-
-if TYPE_CHECKING:
-    from eyechart_organisms.adversaries import Adversary
+from eyechart_organisms.calibration.world import SimulatedView, World
 
 Choose = Callable[[SimulatedView, float, random.Random], Answer]
 """A function of the stimulus, the passed share of the episode, and chance, to an answer."""
@@ -72,14 +67,6 @@ KNOWN: Mapping[str, KnownController] = {
         "no_power",
     ),
 }
-
-
-def adversaries() -> "Mapping[str, Adversary]":
-    """Return the rules that must not pass; raises SpecError if they are not installed."""
-    organisms_folder("'eyechart calibrate'")
-    from eyechart_organisms.adversaries import ADVERSARIES  # noqa: PLC0415 - a distribution of its own
-
-    return ADVERSARIES
 
 
 FOLLOW_GAP = frozenset(

@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from eyechart.calibrate import early_stops
-from eyechart.calibrate.early_stops import EQUAL, SAVERS, mean_saved
-from eyechart.calibrate.known_answers import KNOWN, NULLS, adversaries
-from eyechart.calibrate.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
-from eyechart.calibrate.world import POWER, SETTINGS
 from eyechart.stats.agreement import clopper_pearson, rate
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts import LABELS, PAPER_LABELS
 from eyechart.verdicts.ruling import number
+from eyechart_organisms.adversaries import ADVERSARIES
+from eyechart_organisms.calibration import early_stops
+from eyechart_organisms.calibration.early_stops import EQUAL, SAVERS, mean_saved
+from eyechart_organisms.calibration.known_answers import KNOWN, NULLS
+from eyechart_organisms.calibration.tally import CLAIMS, FALSE, VARIANTS, WANTED, Calibration
+from eyechart_organisms.calibration.world import POWER, SETTINGS
 
 Cells = Sequence[Sequence[str]]
 
@@ -169,7 +170,7 @@ def _adversaries(calibration: Calibration) -> str:
     """Return each adversary's labels, and how often they were false."""
     rows = []
     for name, counts in calibration.adversaries.items():
-        one, n = adversaries()[name], sum(counts.values())
+        one, n = ADVERSARIES[name], sum(counts.values())
         said = ", ".join(f"{label} {count / n:.3f}" for label, count in sorted(counts.items(), key=lambda at: -at[1]))
         false = sum(count for label, count in counts.items() if one.is_false(*label.split("/")))
         rows.append((name, one.says, one.deserves, said, f"{false / n:.3f}"))
@@ -184,5 +185,5 @@ def _targets(calibration: Calibration) -> str:
         least = ", ".join(f"{share} for {name}" for name, share in SAVERS.items())
         says += f" Stopping early, setting default: verdict as in full at least {EQUAL} for every controller, calls"
         says += f" saved with counterfactuals at least {least}, no null rejected above {early_stops.EVER}."
-    misses = calibration.misses()
-    return "\n".join([says, *(f"missed: {one}" for one in misses)] if misses else [says, "All targets hold."])
+    misses, named = calibration.misses(), [f"named: {one}" for one in calibration.limits()]
+    return "\n".join([says, *named, *([f"missed: {one}" for one in misses] or ["All targets hold."])])
