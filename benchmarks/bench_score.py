@@ -95,7 +95,7 @@ def fill(path: Path, plan: Plan, rng: random.Random) -> int:
     def rows_of(frame: Frame) -> Iterator[tuple[tuple[object, ...], ...]]:
         """Yield the rows of each call about a frame: of the call, the attempt and the reply."""
         near = float(frame.truth["lead_gap_m"] or 0) < 30
-        for condition in plan.conditions:
+        for condition in (name for name in plan.conditions if plan.shows(name, frame)):
             own = CallKey("battery", plan.models[0], plan.prompt.key, frame.id, condition)
             asked = plan.query(own, shown.show(condition, frame.id)).sha256()  # that of every model
             seen = condition in SEEING
