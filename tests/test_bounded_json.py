@@ -27,7 +27,6 @@ OWN = {
     "bundle/contents.py",
     "bundle/pages.py",
     "bundle/validation.py",
-    "cli/options.py",
     "inspect.py",
     "kept.py",
     "ledger/columns.py",

@@ -3,7 +3,6 @@
 A mode never holds a secret: a header names an environment variable as ``$NAME``.
 """
 
-import json
 import math
 import os
 import re
@@ -19,7 +18,7 @@ import tomli_w
 
 from eyechart.errors import SecretError, SpecError, did_you_mean, raising, suggestion
 from eyechart.keys import SHORTEST, is_beside_a_variable, looks_like_a_key, names_a_hash, names_a_key, without_keys
-from eyechart.records import LARGEST
+from eyechart.records import LARGEST, parse_json
 from eyechart.spaces.discrete import read_toml
 
 Scalar = str | int | float | bool
@@ -280,7 +279,7 @@ def _pairs(
 def _json(text: str) -> object:
     """Return a text's JSON value, or the text if it is no JSON."""
     try:
-        return json.loads(text)
+        return parse_json(text)
     except ValueError:
         return text
 

@@ -183,7 +183,6 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
         "SightChecks.spent",
     ): "reads that number; another text is refused: tests/test_look.py",
     ("eyechart.looks.policies", "steps_of"): "makes a run of one call in a folder of its own, by the usual way",
-    ("eyechart.cli.options", "_json"): "reads what the user types after --body",
     ("eyechart.destination", "_head"): "reads a marker where a destination exists: tests/cli",
     ("eyechart.clusters", "_on_nodes"): "makes tasks on a cluster of Ray: tests/extras",
     ("eyechart.clusters", "actor"): "begins an actor of Ray, whose cluster ends it: tests/extras",
