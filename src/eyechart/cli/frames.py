@@ -10,11 +10,11 @@ import typer
 from eyechart.cli import edit as edits
 from eyechart.cli.options import Json, Model, expanded, filled
 from eyechart.cli.terminal import print_json, progress, say
-from eyechart.errors import SpecError, counted, suggestion
+from eyechart.errors import SpecError, counted
 from eyechart.formats import FORMATS, Format, find_format, takers
 
 if TYPE_CHECKING:
-    from eyechart.frames import MirrorAxis, Provenance
+    from eyechart.frames import Provenance
     from eyechart.importing import Choices, Convert, Horizon
     from eyechart.importing.faults import Faults
     from eyechart.importing.numerals import Numerals
@@ -171,12 +171,12 @@ class SourceDescription:
         from eyechart.errors import finite_number
         from eyechart.frames import read_made
         from eyechart.importing.bank import Choices
-        from eyechart.importing.columns import read_places, read_rig
+        from eyechart.importing.columns import axis_named, read_places, read_rig
         from eyechart.importing.faults import Faults
         from eyechart.spaces.discrete import DRIVING, read_space
 
         wrong, space, near = Faults(), DRIVING, self.threshold
-        axis = _axis(self.mirror, wrong)
+        axis = axis_named(self.mirror, wrong)
         if self.rig is not None and self.mirror != "none":
             wrong.add("--rig gives the mirror axis of each camera: leave out --mirror")
         with wrong.noted():
@@ -442,18 +442,6 @@ def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Co
     if not asked and (background, longest) != (None, None):
         raise SpecError("--background and --longest need --convert: give --convert too")
     return Convert(background or "white", longest) if asked else None
-
-
-def _axis(mirror: str, wrong: "Faults") -> "MirrorAxis":
-    """Return the mirror axis; an unknown word is a fault and counts as none."""
-    from eyechart.frames import read_axis
-
-    try:
-        return read_axis(mirror)
-    except ValueError:
-        near = suggestion(mirror, ("vertical", "horizontal", "none"))
-        wrong.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'{near}")
-        return "none"
 
 
 def _seeds(text: str) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ import msgspec
 
 from eyechart.conditions import CONDITIONS
 from eyechart.errors import BankError, SpecError, did_you_mean, raising, suggestion
-from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, require_exchanged
+from eyechart.frames import FILE_SUFFIX, Camera, MirrorAxis, is_reserved, read_axis, require_exchanged
 from eyechart.importing.cells import plain_name
 from eyechart.importing.faults import Faults
 from eyechart.importing.motion_log import LoggedMotion, Reflection
@@ -58,6 +58,16 @@ def is_distance(column: str) -> bool:
     """Return whether a column's name looks like that of a distance."""
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", column)
     return _DISTANCE.search(re.sub(r"[^a-z0-9]+", "_", apart.lower())) is not None
+
+
+def axis_named(mirror: str, faults: Faults) -> MirrorAxis:
+    """Return the axis of --mirror; an unknown word is a fault and counts as none."""
+    try:
+        return read_axis(mirror)
+    except ValueError:
+        near = suggestion(mirror, ("vertical", "horizontal", "none"))
+        faults.add(f"--mirror takes vertical, horizontal or none, not '{mirror}'{near}")
+        return "none"
 
 
 def read_places(words: Sequence[str]) -> dict[str, str]:
