@@ -83,3 +83,13 @@ def test_a_folder_is_cleared_whenever_its_process_was_killed(tmp_path: Path, mon
             break
     assert done.returncode == 0
     assert left == {0, 1}
+
+
+@pytest.mark.parametrize("name", ["eyechart-run-20261129", "eyechart-out-a1b2c3d4", "eyechart-ledger-mine_own"])
+def test_an_empty_folder_of_a_user_stays(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be the folder in which a user works, as mktemp made it."""
+    monkeypatch.setattr(module, "_YOUNG_S", -1.0)
+    (tmp_path / name).mkdir()
+    module._clear.cache_clear()
+    module._clear(str(tmp_path))
+    assert (tmp_path / name).is_dir()

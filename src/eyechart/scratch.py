@@ -12,6 +12,8 @@ from pathlib import Path
 _HELD = ".held"
 """The file that its process locks; a process id would mean nothing in another container."""
 _MADE = "made"
+_OURS = ".scratch"
+"""An empty folder has no lock, so its name alone says that it is no user's."""
 _YOUNG_S = 5.0
 """A younger folder may not be locked yet."""
 
@@ -20,7 +22,7 @@ _YOUNG_S = 5.0
 def scratch(what: str) -> Iterator[Path]:
     """Yield an empty folder for a copy of ``what`` during the block."""
     _clear(tempfile.gettempdir())
-    with tempfile.TemporaryDirectory(prefix=f"eyechart-{what}-") as folder, _held(Path(folder)):
+    with tempfile.TemporaryDirectory(prefix=f"eyechart-{what}-", suffix=_OURS) as folder, _held(Path(folder)):
         made = Path(folder) / _MADE
         made.mkdir()
         try:
@@ -49,7 +51,7 @@ def _held(folder: Path) -> Iterator[bool]:
 @cache
 def _clear(where: str) -> None:
     """Remove unlocked folders and empty ones, once per process, which may open thousands of ledgers."""
-    for path in Path(where).glob("eyechart-*-????????"):
+    for path in Path(where).glob(f"eyechart-*-????????{_OURS}"):
         with suppress(OSError):  # another user's, in use, or gone
             if path.stat().st_uid == os.getuid() and time.time() - path.stat().st_mtime > _YOUNG_S:
                 path.rmdir()
