@@ -94,6 +94,9 @@ def test_names_may_be_given_and_must_differ(bank: FrameBank, tmp_path: Path) -> 
     said = rf"two callables are called 'python:{__name__}:Driver'; name each: models=\{{'one': f, 'other': g\}}"
     with pytest.raises(SpecError, match=said):
         run_battery(bank, [Driver("STOP"), Driver("SLOW")], tmp_path / "twice")
+    several = [RequestMode("scripted:constant", max_tokens=7), "scripted:constant"]
+    with pytest.raises(SpecError, match="models name 'scripted:constant' twice, to be asked in two ways"):
+        run_battery(bank, several, tmp_path / "twice")
     with pytest.raises(SpecError, match="a model is a SPEC, a RequestMode or a callable, not a int"):
         run_battery(bank, [3], tmp_path / "none")  # type: ignore[list-item]
     with pytest.raises(SpecError, match=r"must take \(prompt, image\) or \(prompt, images, state\)"):

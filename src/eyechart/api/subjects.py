@@ -53,7 +53,7 @@ def subjects_of(
 ) -> Subjects:
     """Return the subjects of an ``argument``, each a SPEC, a request mode or a callable.
 
-    Raises SpecError if one is no ``kind``, or if two have the same name.
+    Raises SpecError if one is no ``kind``, or if two have the same name and are not the same.
     """
     modes: dict[str, RequestMode] = {}
     held: dict[str, OpenedModel] = {}
@@ -69,7 +69,8 @@ def subjects_of(
                     f"two callables are called '{mode.spec}'; name each: {argument}={{'one': f, 'other': g}}"
                 )
             held[mode.spec] = OpenedModel(mode, hold(one, mode))
-        modes[mode.spec] = mode
+        if modes.setdefault(mode.spec, mode) != mode:
+            raise SpecError(f"{argument} name '{mode.spec}' twice, to be asked in two ways: a run asks it in one")
     return Subjects(list(modes.values()), held, frozenset(one for _, one in several if isinstance(one, str)), how)
 
 
