@@ -120,6 +120,9 @@ def test_banks_that_were_kept_are_not_simulated_again(
     with pytest.raises(SpecError, match=r"banks\.jsonl: .*controller"):
         calibrate(replications=1, seed=5, settings=SMALL, keep=keep)
     assert keep.read_bytes() == whole.replace(b'"controller"', b'"driver"', 1)
+    monkeypatch.setattr(replication, "_code", lambda: "an older one")
+    with pytest.raises(SpecError, match="that the code of this eyechart"):
+        calibrate(replications=1, seed=5, settings=SMALL, keep=keep)
 
 
 def test_what_is_tried_once_a_replication_is_kept_too() -> None:

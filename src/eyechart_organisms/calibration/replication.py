@@ -1,5 +1,6 @@
 """One replication: a simulated bank, all known controllers on it, and both sets of rules."""
 
+import hashlib
 import random
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -10,6 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+import eyechart
 from eyechart import __version__, verdicts
 from eyechart.calls import Reply
 from eyechart.clusters import Workers, require_engine
@@ -136,14 +138,15 @@ KEPT = "eyechart-calibration-banks/1"
 
 def _kept(file: Path, seed: int) -> dict[Task, ReplicationResult]:
     """Return the finished banks of a file; start the file if it is new, and cut off half a line."""
-    head = _JSON.encode({"format": KEPT, "eyechart": __version__, "seed": seed}) + b"\n"
+    head = _JSON.encode({"format": KEPT, "eyechart": __version__, "seed": seed, "code": _code()}) + b"\n"
     try:
         if not file.exists():
             file.write_bytes(head)
         text = file.read_bytes()
         if not text.startswith(head):
             raise SpecError(
-                f"{file} does not hold banks of seed {seed} and of eyechart {__version__}; give another file"
+                f"{file} does not hold banks of seed {seed} that the code of this eyechart {__version__} judged; give "
+                "another file"
             )
         whole = text[: text.rindex(b"\n") + 1]
         if whole != text:
@@ -151,6 +154,14 @@ def _kept(file: Path, seed: int) -> dict[Task, ReplicationResult]:
         return dict(msgspec.json.decode(line, type=tuple[Task, ReplicationResult]) for line in whole.splitlines()[1:])
     except (OSError, msgspec.MsgspecError) as error:
         raise SpecError(f"{file}: {error}") from None
+
+
+def _code() -> str:
+    """Return a digest of the modules that draw and judge banks: kept banks of others are not counted."""
+    own, core = Path(__file__).parents[1], Path(eyechart.__file__).parent
+    rooms = own / "calibration", core / "stats", core / "verdicts", core / "studies" / "battery"
+    files = [own / "adversaries.py", *(file for room in rooms for file in sorted(room.glob("*.py")))]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 
 def _whole(task: Task) -> ReplicationResult:

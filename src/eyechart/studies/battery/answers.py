@@ -70,10 +70,17 @@ class Answers:
         return self.symbols(condition, "decision")
 
     def symbols(self, condition: str, level: str) -> Symbols:
-        """Return a condition's symbols, at level ``response`` or ``decision``."""
-        names = [self.space.symbol(action) for action in self._coded[0]]
-        none = UNPARSED if level == "response" else ABSENT
-        return np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2]
+        """Return a condition's symbols, read-only, at level ``response`` or ``decision``."""
+        if (condition, level) not in self._symbols:
+            names = [self.space.symbol(action) for action in self._coded[0]]
+            none = UNPARSED if level == "response" else ABSENT
+            made = np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2]
+            self._symbols[condition, level] = _fixed(made)
+        return self._symbols[condition, level]
+
+    @cached_property
+    def _symbols(self) -> dict[tuple[str, str], Symbols]:
+        return {}
 
     @cached_property
     def _coded(self) -> tuple[tuple[Any, ...], dict[str, Codes]]:
