@@ -5,7 +5,7 @@ import os
 import re
 import stat
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from numbers import Integral, Real
 from pathlib import Path
@@ -182,6 +182,28 @@ def raising(
 
 MOST_BYTES = 1_000_000_000
 """The most bytes of a run's or bank's text; 100 000 frames take a hundredth of it."""
+
+
+_ERRORS = 2
+"""The number of standard error."""
+
+
+def fill_streams() -> None:
+    """Lead the numbers of standard streams that are closed to the null device, so that no file gets one."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
+
+
+def above_streams(path: str, flags: int) -> int:
+    """Open a file, as an opener of `open`, on no number of a standard stream: called code may close these."""
+    while (number := os.open(path, flags)) <= _ERRORS:
+        with suppress(OSError):  # closed by that code already
+            os.close(number)
+        fill_streams()
+    return number
 
 
 def plain_file(path: Path) -> Path:

@@ -361,7 +361,11 @@ def test_what_cannot_be_asked_is_refused_in_one_line(bank: FrameBank, tmp_path: 
         ({"specs": ["python:arms:nobody"]}, SpecError, "no callable 'nobody'"),
         ({"specs": []}, SpecError, "at least one --policy"),
         ({"specs": ["python:arms:awaited"]}, SpecError, "an async function"),
-        ({"specs": ["python:arms:sightless"]}, SpecError, "take the arguments .images, state, instruction., and has"),
+        (
+            {"specs": ["python:arms:sightless"]},
+            SpecError,
+            "take the arguments .images, state, instruction. by position, and has",
+        ),
         ({"specs": ["python:arms:seedless"]}, SpecError, "seed=., and has .images, state, instruction.: got an"),
         ({"conditions": ["swapped@nose"]}, SpecError, "unknown condition 'swapped@nose'"),
         (

@@ -19,6 +19,7 @@ from eyechart.errors import (
     MissingCallsWarning,
     OutputError,
     counted,
+    fill_streams,
     is_full,
     is_too_long,
     printable,
@@ -169,12 +170,9 @@ def _open_what_is_closed() -> None:
     No other file can get their numbers then. Raises OutputError where standard output is closed:
     the command would seem to succeed and print nothing.
     """
+    fill_streams()
     silent = sys.stdout is None
     for number, name in enumerate(("stdin", "stdout", "stderr")):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number: this one
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))  # noqa: SIM115
     if silent:

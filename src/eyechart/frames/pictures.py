@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from eyechart.errors import BankError, raising
+from eyechart.errors import BankError, above_streams, raising
 
 RGB = NDArray[np.uint8]
 MAX_PIXELS = 25_000_000
@@ -118,7 +118,7 @@ def read_bounded(root: Path, file: str) -> bytes:
             raise BankError(f"'{file}' of the bank {root} is not a file")
         if found.st_size > MAX_IMAGE_BYTES:
             raise BankError(f"'{file}' has {found.st_size} bytes; the limit is {MAX_IMAGE_BYTES}")
-        with path.open("rb", buffering=0) as opened:  # a buffer costs as much as the picture
+        with open(path, "rb", buffering=0, opener=above_streams) as opened:
             return opened.readall()
 
 

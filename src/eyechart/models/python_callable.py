@@ -33,7 +33,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from eyechart.calls import Query, Reply
-from eyechart.errors import SpecError, raising, suggestion
+from eyechart.errors import SpecError, fill_streams, raising, suggestion
 from eyechart.frames import MOST_HISTORY
 from eyechart.messages import Turn
 from eyechart.models import HISTORY, require_options
@@ -189,6 +189,7 @@ async def in_thread(ask: Callable[[], T], left: set[threading.Thread]) -> T:
         except BaseException as raised:  # noqa: BLE001 - without it the caller waits for ever
             error = raised if isinstance(raised, Exception) else RuntimeError(f"{type(raised).__name__}: {raised}")
             ending = partial(done.set_exception, error)
+        fill_streams()  # it may have closed them
         return partial(loop.call_soon_threadsafe, settle, ending)
 
     try:
