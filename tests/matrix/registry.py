@@ -188,6 +188,8 @@ NOT_DRIVEN: dict[tuple[str, str], str] = {
     ("eyechart.clusters", "actor"): "begins an actor of Ray, whose cluster ends it: tests/extras",
     ("eyechart.clusters", "_require_there"): "opens a connection and closes it, before Ray does: tests/extras",
     ("eyechart.clusters", "join"): "joins a cluster of Ray: tests/extras",
+    ("eyechart.errors", "above_streams"): "opens a bank's picture: tests/cli/test_guests_at_the_door.py",
+    ("eyechart.errors", "fill_streams"): "opens the null device alone: tests/cli/test_guests_at_the_door.py",
     ("eyechart_organisms.calibration.replication", "_code"): "reads eyechart's own modules: tests/test_calibrate.py",
     ("eyechart.corruptions", "_jpeg"): "opens a picture that eyechart compressed itself: tests/test_corruptions.py",
     ("eyechart.stats.margins", "_alone"): "loads a library that scipy installed: tests/stats",
