@@ -1,6 +1,7 @@
 """The pages on policies: the examples run as they stand, and every label, guard and condition is named."""
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ def test_the_function_is_a_policy_and_the_example_in_python_runs(
     """The first is asked by the doctor, which finds that it never moves; the others are cells of one notebook."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_robot", raising=False)  # another page's
     (tmp_path / "my_robot.py").write_text(FUNCTION, encoding="utf-8")
     session: dict[str, object] = {}
     for cell in PYTHON:
