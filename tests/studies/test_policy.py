@@ -366,7 +366,11 @@ def test_what_cannot_be_asked_is_refused_in_one_line(bank: FrameBank, tmp_path: 
             SpecError,
             "take the arguments .images, state, instruction. by position, and has",
         ),
-        ({"specs": ["python:arms:seedless"]}, SpecError, "seed=. by position, and has .images, state, instruction.: got an"),
+        (
+            {"specs": ["python:arms:seedless"]},
+            SpecError,
+            "seed=. by position, and has .images, state, instruction.: got an",
+        ),
         ({"conditions": ["swapped@nose"]}, SpecError, "unknown condition 'swapped@nose'"),
         (
             {"conditions": ["blank@tpo"]},
