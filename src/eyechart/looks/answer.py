@@ -17,13 +17,17 @@ EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
 
 @dataclass(frozen=True, slots=True)
 class PictureResult:
-    """One picture in words, with the counts of its answers, or the change of a motion."""
+    """One picture in words, with the counts of its answers, or the change of a motion.
+
+    ``note`` says why there is no change although the picture was shown.
+    """
 
     shows: str
     answers: dict[str, int] | None = None
     change: float | None = None
     ci: tuple[float, float] | None = None
     n: int = 0
+    note: str = ""
 
     @property
     def words(self) -> str:
@@ -32,7 +36,7 @@ class PictureResult:
             counted = ", ".join(f"{name} {count}" for name, count in self.answers.items())
             return f"{counted} of {self.n} answers" if counted else "not asked"
         if self.change is None:
-            return "not asked"
+            return f"cannot say: {self.note}" if self.n and self.note else "not asked"
         low, high = (min(one, 1.0) for one in self.ci or (0.0, 0.0))
         between = f" [{low:.0%}, {high:.0%}]" if low < high else ""
         return f"changes {min(self.change, 1.0):.0%} of its motion{between}"
@@ -104,7 +108,10 @@ class Look(KeyedRecord):
         if self.pictures:
             rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
             rows += [(picture.shows, picture.words) for picture in self.pictures]
-        return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |\n" if row else "\n" for row in rows)
+        return "".join(
+            f"| {' | '.join(' '.join(cell.split()).replace('|', '/') for cell in row)} |\n" if row else "\n"
+            for row in rows
+        )
 
     def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
         """Yield the screen in lines of at most 80 columns; ``shown`` converts a text to display."""
