@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 
 COLUMNS = 80
 PYTHON = "eyechart.look("
@@ -47,7 +47,7 @@ class NextStep:
 
 
 @dataclass(frozen=True)
-class Look(KeyedRecord):
+class Look:
     """Whether a model or a policy looks, why, and the files that the look made.
 
     ``answer`` is Yes, In part, No or Inconclusive; ``because`` is its sentence. ``holes`` are the
@@ -55,8 +55,6 @@ class Look(KeyedRecord):
     why the calls stopped early, if they did. ``report`` and ``run`` are None if there were no
     calls.
     """
-
-    written = "answer because holes next=commands report=page run=folder model=spec label pictures among ended calls"
 
     spec: str
     answer: str
@@ -71,20 +69,16 @@ class Look(KeyedRecord):
     calls: int = 0
     ended: str = ""
 
-    @property
-    def commands(self) -> list[str]:
-        """Return the commands of the next steps."""
-        return [step.command for step in self.next]
-
-    @property
-    def page(self) -> str | None:
-        """Return the page's path; None if there is none."""
-        return None if self.report is None else str(self.report)
-
-    @property
-    def folder(self) -> str | None:
-        """Return the run's folder; None if there is none."""
-        return None if self.run is None else str(self.run)
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(
+            self,
+            "answer because holes label pictures among ended calls",
+            next=[step.command for step in self.next],
+            report=self.report and str(self.report),
+            run=self.run and str(self.run),
+            model=self.spec,
+        )
 
     def exit_code(self, *, accept_part: bool = False) -> int:
         """Return 0 for Yes, 1 for No and In part (0 if accepted), 2 for Inconclusive."""

@@ -138,7 +138,9 @@ class PolicyVerdict:
             "instruction": self.instruction.label,
             "guards": list(self.guards),
             "because": self.because,
-            "channels": {name: to_json_fields(channel, "T=value ci n") for name, channel in self.channels.items()},
+            "channels": {
+                name: to_json_fields(channel, "ci n", T=channel.value) for name, channel in self.channels.items()
+            },
             "answer": self.answer,
             "holes": [],
             "axes": plain(self.axes),

@@ -166,7 +166,7 @@ class ClosedLoopScore:
 
     def audit_dict(self) -> dict[str, object]:
         """Return the audit's part as plain JSON values."""
-        return to_json_fields(self, "audit replays identical=twins repeated_requests=repeats")
+        return to_json_fields(self, "audit replays", identical=self.twins, repeated_requests=self.repeats)
 
 
 def score(
