@@ -71,14 +71,9 @@ class Look:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return to_json_fields(
-            self,
-            "answer because holes label pictures among ended calls",
-            next=[step.command for step in self.next],
-            report=self.report and str(self.report),
-            run=self.run and str(self.run),
-            model=self.spec,
-        )
+        names = "answer because holes label pictures among ended calls"
+        files = {"report": self.report and str(self.report), "run": self.run and str(self.run)}
+        return to_json_fields(self, names, next=[step.command for step in self.next], model=self.spec, **files)
 
     def exit_code(self, *, accept_part: bool = False) -> int:
         """Return 0 for Yes, 1 for No and In part (0 if accepted), 2 for Inconclusive."""

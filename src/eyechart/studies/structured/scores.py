@@ -175,14 +175,8 @@ class EstimatorScore:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return to_json_fields(
-            self,
-            "version planned answered clauses statistics",
-            admitted=self.is_admitted,
-            unread=self.told.reasons,
-            repairs=self.told.repairs,
-            before_collision=self.before,
-        )
+        said = {"unread": self.told.reasons, "repairs": self.told.repairs, "before_collision": self.before}
+        return to_json_fields(self, "version planned answered clauses statistics", admitted=self.is_admitted, **said)
 
     @property
     def is_admitted(self) -> bool:
