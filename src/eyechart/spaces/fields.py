@@ -14,7 +14,6 @@ from typing import Literal, cast
 
 from eyechart.errors import SpecError, raising
 from eyechart.records import LARGEST, Name, build, parse_json, to_json_fields
-from eyechart.regexes import pattern
 from eyechart.spaces.failures import says_failed, says_no_picture
 from eyechart.spaces.linear_pattern import LinearPattern, TooLongText
 from eyechart.spaces.reader import READER, ActionNames, read_by, spelled
@@ -56,32 +55,32 @@ _VALUES_AT_MOST = 500
 _SIZE_AT_MOST = 10_000
 _LONGEST_NAME = 200
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_WITH_UNIT = pattern(rf"({_NUMBER})\s*(.*)", re.DOTALL)
-_NOT_FINITE = pattern(r"[+-]?(?:nan|inf(?:inity)?)\b.*", re.IGNORECASE | re.DOTALL)
-_RANGE = pattern(rf"(<=?|>=?)\s*({_NUMBER})|({_NUMBER})\s*\.\.\s*({_NUMBER})")
+_WITH_UNIT = re.compile(rf"({_NUMBER})\s*(.*)", re.DOTALL)
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf(?:inity)?)\b.*", re.IGNORECASE | re.DOTALL)
+_RANGE = re.compile(rf"(<=?|>=?)\s*({_NUMBER})|({_NUMBER})\s*\.\.\s*({_NUMBER})")
 _MINUS = str.maketrans({"−": "-", "–": "-", "‐": "-", "‑": "-", "﹣": "-", "－": "-"})
-_FENCE = pattern(r"\s*```[\w-]*\s*(.*?)\s*```\s*", re.DOTALL)
+_FENCE = re.compile(r"\s*```[\w-]*\s*(.*?)\s*```\s*", re.DOTALL)
 _AROUND = " \t\r\n\"'`*"
-_VECTOR = pattern(r"[\[(][\d\s.,+\-eE()\[\]]*[\])]")
-_UNITS = pattern(
+_VECTOR = re.compile(r"[\[(][\d\s.,+\-eE()\[\]]*[\])]")
+_UNITS = re.compile(
     r"\s?(km/h|kmh|kph|mph|m/s\^?2?|ms|cm|mm|km|ft|feet|m|metres?|meters?|s|seconds?|rad(?:ians?)?|deg(?:rees?)?|[°º%])"
     r"(?![^\W_])",
     re.IGNORECASE,
 )
-_FURTHER_UNITS = pattern(
+_FURTHER_UNITS = re.compile(
     r"\s?(?:knots?|kts?|kn|mi(?:les?)?|yards?|yd|inch(?:es)?|min(?:utes?)?|h(?:ours?|rs?)?|percent|fps|"
     r"(?:kilo|centi|milli)?met(?:re|er)s?|kilomet(?:re|er)s?|g)\b"
 )
-_PER = pattern(r"\s?(?:/|per\b)\s?(?:\w+)", re.IGNORECASE)
+_PER = re.compile(r"\s?(?:/|per\b)\s?(?:\w+)", re.IGNORECASE)
 """What makes another unit of a unit: "5 m per second" is no 5 m."""
-_THOUSANDS = pattern(r"[ \u00a0\u202f\u2009'’_]\d{3}(?!\d)")
-_SIGN_WORD = pattern(r"\b(?:minus|negative)\s*\Z", re.IGNORECASE)
-_DENIED = pattern(
+_THOUSANDS = re.compile(r"[ \u00a0\u202f\u2009'’_]\d{3}(?!\d)")
+_SIGN_WORD = re.compile(r"\b(?:minus|negative)\s*\Z", re.IGNORECASE)
+_DENIED = re.compile(
     r"\b(?:not|n't|never|no longer|avoid|instead of|rather than|neither|nor|without)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z"
     r"|(?<=n't)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z",
     re.IGNORECASE,
 )
-_EXAMPLE = pattern(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
+_EXAMPLE = re.compile(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
 _SAID = r"(?:\s*(?:[:=]|\b(?:is|was|will be|should be|shall be|must be|becomes|to|of)\b))"
 _UNIT_SAID = r"(?:(?:is|are|was|given|measured|expressed|stated)\s+){0,3}(?:in\b\s*|\[\s*|\(\s*(?:in\b\s*)?)"
 _UNIT_ALONE = (
@@ -106,10 +105,10 @@ _UNIT_WORDS = {
     "mi/h": ("mph",),
 }
 """The beginnings of other spellings of units."""
-_PER_TIME = pattern(
+_PER_TIME = re.compile(
     r"\s?(?:/|per\b)\s?(?:s(?:ec(?:ond)?s?)?|min(?:ute)?s?|h(?:ou)?r?s?)(?:\^?2|²)?(?![^\W_])", re.IGNORECASE
 )
-_SQUARED = pattern(r"\s?(?:\^2|²|squared\b)")
+_SQUARED = re.compile(r"\s?(?:\^2|²|squared\b)")
 _OBJECT_AT_MOST = 20_000
 
 
@@ -480,7 +479,7 @@ def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
     return tuple(meant), "\n".join((*rest, text[end:]))
 
 
-_PYTHON = pattern(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
+_PYTHON = re.compile(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
 """A Python dictionary without another inside."""
 
 
@@ -589,7 +588,7 @@ def _is_inside(inner: str, before: str, behind: str, *, followed: bool) -> bool:
     return inner[-1].isdigit() and re.match(r"[.,]\d|\s?[/×x*^]\s?\d|[eE][+-]?\d", behind) is not None
 
 
-_OR = pattern(r"\s*(?:to|until|through|or|and|,|/|\||\.{2,}|-)\s*(?:or\s+)?", re.IGNORECASE)
+_OR = re.compile(r"\s*(?:to|until|through|or|and|,|/|\||\.{2,}|-)\s*(?:or\s+)?", re.IGNORECASE)
 
 
 def _is_one_of_several(field: AnswerField, inner: str, behind: str) -> bool:
