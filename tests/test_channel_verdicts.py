@@ -146,7 +146,14 @@ def test_the_instruction_axis(changed: dict[str, Statistic | None], label: str) 
         ({"variation": Statistic(0.02, 9)}, []),
         ({"noise": Statistic(0.51, 9)}, ["self_inconsistent"]),
         ({"noise": Statistic(0.5, 9)}, []),
-        ({"variation": Statistic(0.01, 9), "noise": Statistic(0.9, 9)}, ["constant", "self_inconsistent"]),
+        ({"variation": Statistic(0.01, 9), "noise": Statistic(0.9, 9)}, ["self_inconsistent"]),
+        ({"variation": Share(0.01, 9, with_noise=0.3), "noise": Statistic(0.9, 9)}, ["self_inconsistent"]),
+        ({"variation": Share(0.01, 9, with_noise=0.019), "noise": Statistic(0.9, 9)}, ["constant"]),
+        ({"variation": Share(0.01, 9, with_noise=0.021), "noise": Statistic(0.5, 9)}, ["constant"]),
+        ({"T.nudged": Share(0.6, 9)}, ["self_inconsistent"]),
+        ({"T.nudged": Share(0.6, 9, p=0.01)}, ["self_inconsistent"]),
+        ({"T.nudged": Share(0.6, 9, p=0.2)}, []),
+        ({"variation": Share(None, 9), "noise": Statistic(0.9, 9)}, ["self_inconsistent"]),
     ],
 )
 def test_guards_come_before_every_axis(changed: dict[str, Statistic], guards: list[str]) -> None:

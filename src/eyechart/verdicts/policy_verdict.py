@@ -16,6 +16,7 @@ from eyechart.verdicts.policy_rules import AxisVerdict, condition_of, judged, of
 from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, fail, there, word
 from eyechart.verdicts.ruling import Ruling, card
 from eyechart.verdicts.share_predicates import (
+    ALPHA,
     EVERYTHING,
     FOLLOWED,
     IGNORED,
@@ -281,10 +282,14 @@ UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">"
 _MOTIONS = compared("motions", "value", "<", 1 - UNSCORABLE, untested=True)
 _ODD = "a skipped normalisation, another action space, or a policy that is hardly trained"
 _INSTANTS = "with the instants that it is given; a policy that needs earlier ones declares history"
+_VARIES = f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_INSTANTS}"
+# Answers whose very noise is that small are constant; greater noise hides whether they are.
+_HARDLY, _STILL = (compared("variation", reads, "<", CONSTANT) for reads in ("value", "with_noise"))
+_MOVES = Clause("variation", (Reading("with_noise", ">=", CONSTANT, otherwise=True),))
 _SWAP, _NUDGED = "T.swapped@cameras", "T.nudged"
 _BY_BYTES = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
 _NOT_SHOWN = (
-    "and that another episode's change more is not shown ({way:T.swapped@cameras}): it answers by the bytes of its "
+    "and that another episode's change more is not shown ({share:T.swapped@cameras}): it answers by the bytes of its "
     "pictures, as a cache or a hash of them does, or with noise that hangs on them and hides what it sees"
 )
 
@@ -298,11 +303,9 @@ GUARDING = Axis(
             (UNFIT, UNLIKE),
             f"its error is {{size:misfit}} of the log's variance, and {{unlike:misfit}}: {_ODD}",
         ),
+        Rule("constant", "variation", (_HARDLY, _STILL), _VARIES),
         Rule(
-            "constant",
-            "variation",
-            (compared("variation", "value", "<", CONSTANT),),
-            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_INSTANTS}",
+            "constant", "variation", (_HARDLY, Clause("noise", (Reading("value", "<=", INCONSISTENT, True),))), _VARIES
         ),
         Rule(
             "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_INSTANTS}"
@@ -310,13 +313,16 @@ GUARDING = Axis(
         Rule(
             "self_inconsistent",
             "noise",
-            (compared("noise", "value", ">", INCONSISTENT),),
+            (compared("noise", "value", ">", INCONSISTENT), _MOVES),
             "{percent:noise} of its variation is there when nothing changes at all, on {n:noise} frames",
         ),
         Rule(
             "self_inconsistent",
             _NUDGED,
-            (compared(_NUDGED, "value", ">", INCONSISTENT),),
+            (
+                compared(_NUDGED, "value", ">", INCONSISTENT),
+                Clause(_NUDGED, (Reading("p", "<=", ALPHA, otherwise=True),)),
+            ),
             f"{_BY_BYTES}: it answers by the bytes of its pictures more than by what they show",
         ),
         Rule(

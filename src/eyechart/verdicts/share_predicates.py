@@ -6,9 +6,9 @@ Why these rules: docs/decisions/policies.md.
 import math
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind
+from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind, shown_share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.rules import WORDS, Clause, Reading, Rule, word
 
@@ -242,8 +242,7 @@ def why_open(one: Share) -> str:
 def share(one: Share) -> str:
     """Return a share in words; below 0 it is noise, and above 1 it is no percentage."""
     if one.value is not None and one.value < 0:
-        ends = None if one.ci is None else (max(0.0, one.ci[0]), max(0.0, one.ci[1]))
-        one = replace(one, value=0.0, ci=ends)
+        one = as_read("", shown_share(one))
     if one.value is None or (one.value <= 1 and (one.ci is None or one.ci[1] <= 1)):
         return way(one)
     if one.value <= 1 and one.ci is not None:
