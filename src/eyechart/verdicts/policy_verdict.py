@@ -28,7 +28,7 @@ from eyechart.verdicts.share_predicates import (
     Statistics,
     disuse,
     every,
-    fails,
+    fails_on,
     following,
     measured,
     sentence,
@@ -168,12 +168,13 @@ def judge_policy(
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
     remarks = [f"{left} calls are unfinished: what is said of part of a run may change"] if left else []
-    remarks += _fails_on(asked.failing)
     guarded = UNGUARDED.evaluate(known)
     nothing = judged(guarded)
     if failed:
         nothing = AxisVerdict("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
-    if failed or guarded.label != HOLDS:
+    is_judged = not failed and guarded.label == HOLDS
+    remarks += _fails_on(asked.failing, is_judged=is_judged)
+    if not is_judged:
         single = dict.fromkeys(names, nothing)
         return PolicyVerdict(model, nothing, single, nothing, nothing, failed, shares, scope, tuple(remarks))
 
@@ -401,11 +402,11 @@ def _unguarded() -> Iterator[Rule]:
 UNGUARDED = Axis("unguarded", tuple(_unguarded()))
 
 
-def _fails_on(failing: Mapping[str, tuple[int, int]]) -> Iterator[str]:
-    """Say which computed pictures a policy fails on, and that it is judged by the others."""
-    if failing:
-        said = ", and ".join(fails(name, *counts) for name, counts in failing.items())
-        yield sentence(f"{said}: what it would do there is not known, and it is judged by its other answers", end="")
+def _fails_on(failing: Mapping[str, tuple[int, int]], *, is_judged: bool) -> Iterator[str]:
+    """Say which computed pictures a policy fails on, and what it is judged by, if by anything."""
+    if said := fails_on(failing):
+        rest = "and it is judged by its other answers" if is_judged else "and its other answers are not judged either"
+        yield sentence(f"{said}: what it would do there is not known, {rest}", end="")
 
 
 def _left_out(motions: Statistic, missing: Mapping[str, int]) -> Iterator[str]:
