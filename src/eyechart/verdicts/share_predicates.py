@@ -132,7 +132,7 @@ def fails_on(failing: Mapping[str, tuple[int, int]]) -> str:
 def _failing(many: Mapping[str, tuple[float, str]]) -> Iterator[str]:
     """Yield one clause on some conditions, each with the share of its failures and its own clause."""
     if many:
-        _, worst = max(many.values(), key=lambda one: one[0])
+        _, worst = many[min(many, key=lambda name: (-many[name][0], name))]
         kinds = f"it fails on {len(many)} kinds of computed pictures, at worst on"
         yield worst if len(many) == 1 else worst.replace("it fails on", kinds, 1)
 
