@@ -212,7 +212,9 @@ def test_one_range_alone_is_no_answer_of_a_battery(tmp_path: Path) -> None:
     text = 'user = "go"\n[answer]\nfields = [{name = "v", kind = "number", values = ["0..30"]}]\n'
     prompt = prompt_of(tmp_path, text)
     bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1)
-    with pytest.raises(SpecError, match=r"has one action, 'v=0\.\.30', so that every answer is the same; write further"):
+    with pytest.raises(
+        SpecError, match=r"has one action, 'v=0\.\.30', so that every answer is the same; write further"
+    ):
         require_sayable(prompt, asked_of(bank, prompt))
 
 
