@@ -146,7 +146,14 @@ def test_the_instruction_axis(changed: dict[str, Statistic | None], label: str) 
         ({"variation": Statistic(0.02, 9)}, []),
         ({"noise": Statistic(0.51, 9)}, ["self_inconsistent"]),
         ({"noise": Statistic(0.5, 9)}, []),
-        ({"variation": Statistic(0.01, 9), "noise": Statistic(0.9, 9)}, ["constant", "self_inconsistent"]),
+        ({"variation": Statistic(0.01, 9), "noise": Statistic(0.9, 9)}, ["self_inconsistent"]),
+        ({"variation": Share(0.01, 9, with_noise=0.3), "noise": Statistic(0.9, 9)}, ["self_inconsistent"]),
+        ({"variation": Share(0.01, 9, with_noise=0.019), "noise": Statistic(0.9, 9)}, ["constant"]),
+        ({"variation": Share(0.01, 9, with_noise=0.021), "noise": Statistic(0.5, 9)}, ["constant"]),
+        ({"T.nudged": Share(0.6, 9)}, ["self_inconsistent"]),
+        ({"T.nudged": Share(0.6, 9, p=0.01)}, ["self_inconsistent"]),
+        ({"T.nudged": Share(0.6, 9, p=0.2)}, []),
+        ({"variation": Share(None, 9), "noise": Statistic(0.9, 9)}, ["self_inconsistent"]),
     ],
 )
 def test_guards_come_before_every_axis(changed: dict[str, Statistic], guards: list[str]) -> None:
@@ -546,16 +553,44 @@ def test_an_object_that_is_followed_is_seen() -> None:
 
 def test_no_absence_rests_on_a_control_that_it_fails_on() -> None:
     """Further objects make it fail, so that whether it answers to them is open; moved ones bound nothing either."""
-    nothing = Share(None, 0, note="it fails on 72 of 72 decoys pictures")
+    nothing = Share(None, 0, note="it fails on 72 of 72 pictures with further objects")
     failing = MissingConditions(failing={"decoys": (72, 72)})
     found = verdict(**GONE, asked=failing, **{"T.decoys": nothing}).camera
     assert found.label == "undecided"
-    assert "whether other pictures show a use is open: it fails on 72 of 72 decoys pictures" in found.because
+    assert (
+        "whether other pictures show a use is open: it fails on 72 of 72 pictures with further objects" in found.because
+    )
     assert verdict(**GONE, **{"T.decoys": IGNORED}).camera.label == "ignores_camera"
     moved = verdict(follow=None, asked=MissingConditions(failing={"named_plus": (70, 72)}))
     assert (moved.camera.label, moved.camera.may_be) == ("camera_content", "object_grounded")
-    assert "it fails on 70 of 72 named_plus pictures, so whether it is followed is open" in moved.camera.why_not
-    assert moved.remarks[0].startswith("It fails on 70 of 72 named_plus pictures: what it would do there is not known")
+    assert (
+        "it fails on 70 of 72 pictures with the named object moved, so whether it is followed is open"
+        in moved.camera.why_not
+    )
+    assert moved.remarks[0].startswith(
+        "It fails on 70 of 72 pictures with the named object moved: what it would do there is not known"
+    )
+
+
+def test_failures_on_many_kinds_of_pictures_are_one_clause() -> None:
+    """With their number and the worst of them in words, and with what it is judged by, if by anything."""
+    moves = [
+        f"{told}{which}_{side}" for told in ("", "told_") for which in ("named", "other") for side in ("plus", "minus")
+    ]
+    failing = {name: (place + 20, 48) for place, name in enumerate(moves)} | {"blank@top": (40, 48)}
+    asked = MissingConditions(failing=failing)
+    worst = "t fails on 9 kinds of computed pictures, at worst on 40 of 48 blank pictures of the top camera: what it"
+    judged = verdict(named=None, follow=None, asked=asked)
+    assert judged.remarks[0] == f"I{worst} would do there is not known, and it is judged by its other answers"
+    of_moves = "it fails on 8 kinds of computed pictures, at worst on 27 of 48 pictures with the other object moved and"
+    assert of_moves in judged.camera.why_not
+    assert of_moves in judged.instruction.because
+    for guard in ({"motions": Statistic(0.7, 9)}, {"noise": Statistic(0.9, 9)}):
+        found = verdict(named=None, follow=None, asked=asked, **guard)
+        assert found.remarks[0] == f"I{worst} would do there is not known, and its other answers are not judged either"
+    for said in (judged, found):
+        assert "_plus" not in str(said)
+        assert str(said).count("it fails on") <= 4
 
 
 def test_noise_is_a_remark_and_no_label() -> None:

@@ -17,25 +17,29 @@ EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
 
 @dataclass(frozen=True, slots=True)
 class PictureResult:
-    """One picture in words, with the counts of its answers, or the change of a motion."""
+    """One picture in words, with the counts of its answers, or the change of a motion.
+
+    ``why`` says why there is neither.
+    """
 
     shows: str
     answers: dict[str, int] | None = None
     change: float | None = None
     ci: tuple[float, float] | None = None
     n: int = 0
+    why: str = "not asked"
 
     @property
     def words(self) -> str:
         """Return the result in words."""
         if self.answers is not None:
             counted = ", ".join(f"{name} {count}" for name, count in self.answers.items())
-            return f"{counted} of {self.n} answers" if counted else "not asked"
+            return f"{counted} of {self.n} answers" if counted else self.why
         if self.change is None:
-            return "not asked"
-        low, high = (min(one, 1.0) for one in self.ci or (0.0, 0.0))
+            return self.why
+        change, low, high = (min(max(one, 0.0), 1.0) for one in (self.change, *(self.ci or (0.0, 0.0))))
         between = f" [{low:.0%}, {high:.0%}]" if low < high else ""
-        return f"changes {min(self.change, 1.0):.0%} of its motion{between}"
+        return f"changes {change:.0%} of its motion{between}"
 
 
 @dataclass(frozen=True, slots=True)

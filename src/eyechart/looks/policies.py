@@ -246,7 +246,7 @@ def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
     statistics = scored.models[spec].statistics
     for name, words in SHOWN.items():
         if (one := statistics.get(name)) is not None:
-            yield PictureResult(words, change=one.value, ci=one.ci, n=one.n)
+            yield PictureResult(words, change=one.value, ci=one.ci, n=one.n, why=one.note or "not asked")
 
 
 def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, left: bool) -> Iterator[NextStep]:

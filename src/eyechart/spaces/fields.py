@@ -118,11 +118,12 @@ class AnswerField:
 
     ``key`` leads by dots through a JSON object of the reply. ``pattern`` has one group. Without
     either the whole reply is the value, in words. ``values`` are the names of a name, or the ranges
-    of a number (``"< 2"``, ``"2..8"``), of which the first that holds counts. ``from_column`` is the
-    prompt column with the names that a frame allows. ``unit`` may follow a number, and no other
-    may. ``size`` counts the numbers of a vector, ``width`` those of each of its rows, where it must
-    have rows. ``brake``, ``proceed`` and ``mirror_pairs`` are
-    those of named actions, in terms of ``values``. Raises SpecError for a contradiction.
+    of a number (``"< 2"``, ``"2..8"``), of which the first that holds counts. A number in none of
+    them is no answer (``other_value``). ``from_column`` is the prompt column with the names that a
+    frame allows. ``unit`` may follow a number, and no other may. ``size`` counts the numbers of a
+    vector, ``width`` those of each of its rows, where it must have rows. ``brake``, ``proceed`` and
+    ``mirror_pairs`` are those of named actions, in terms of ``values``. Raises SpecError for a
+    contradiction.
     """
 
     name: Name
@@ -150,8 +151,10 @@ class AnswerField:
             raise SpecError(f"{self._said}: key '{self.key}' has an empty part; write for example key = \"plan.speed\"")
         if self.pattern is not None:
             LinearPattern(self.pattern, self._said)
-        if len(self.values) > _VALUES_AT_MOST or len(set(self.values)) != len(self.values):
-            raise SpecError(f"{self._said}: values must differ, and be at most {_VALUES_AT_MOST}")
+        if twice := next((one for one in self.values if self.values.count(one) > 1), None):
+            raise SpecError(f"{self._said}: values has '{twice}' twice; leave one out")
+        if len(self.values) > _VALUES_AT_MOST:
+            raise SpecError(f"{self._said} has {len(self.values)} values; write at most {_VALUES_AT_MOST}")
         self._require_kind()
         self._require_roles()
 
@@ -279,6 +282,50 @@ def read_answer_fields(values: object, where: str) -> tuple[AnswerField, ...]:
         )
         require_fields(fields)
     return fields
+
+
+def require_readable(fields: Sequence[AnswerField]) -> None:
+    """Raise SpecError for a value that no reply can be read as, or that every reply has.
+
+    Older prompts are read without it, since their runs had such values too.
+    """
+    for one in fields:
+        if one.kind == "number":
+            _require_each_held(one)
+        elif one.kind == "name" and len(one.values) == 1:
+            raise SpecError(
+                f"answer field '{one.name}' has one value, '{one.values[0]}', so that every answer is the same; write "
+                "its other values too, or leave the field out"
+            )
+
+
+def _require_each_held(field: AnswerField) -> None:
+    """Raise SpecError for a range of which every number is in an earlier one, or is too large."""
+    taken: list[tuple[_End, _End, str]] = [(_END[0], (-LARGEST, 0), ""), ((LARGEST, 1), _END[1], "")]
+    for one in field.values:
+        low, high = _ends(one)
+        before = [each for each in sorted(taken) if each[0] < high and low < each[1]]
+        left = low
+        for begin, end, _ in before:
+            left = max(left, end) if begin <= left else left
+        if left >= high:
+            named = " and ".join(f"'{name}'" for *_, name in before if name)
+            why = f"every number in it is in {named} before it, and the first range that holds counts"
+            why = why if named else f"numbers beyond {LARGEST:g} are not read"
+            raise SpecError(f"answer field '{field.name}': the range '{one}' never holds: {why}; {_MEND}")
+        taken.append((low, high, one))
+
+
+_End = tuple[float, int]
+"""An end of a range: a number, and 1 where the end lies just above it."""
+_END: tuple[_End, _End] = (-math.inf, 0), (math.inf, 1)
+_MEND = "put narrower ranges first, or leave it out"
+
+
+def _ends(text: str) -> tuple[_End, _End]:
+    """Return where a range of numbers begins and ends."""
+    least, most, strict = _bounds(text, "a range")
+    return (least, int(strict and least > -math.inf)), (most, int(not strict or most == math.inf))
 
 
 def require_fields(fields: Sequence[AnswerField]) -> None:
