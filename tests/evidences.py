@@ -119,8 +119,11 @@ RECORDED: Mapping[str, int] = {"distance": 11, "lateral": 12, "paper": 13, "earl
 """The axes of which older rules are recorded, and the seed of each."""
 
 
+_SHARE = r"[\d.]+ %(?: \[[^\]]*\])?"
 _FEW = "less than 0.1 of the frames more than a repeat does"
 REWORDED: Mapping[str, str | Callable[[re.Match[str]], str]] = {
+    r"\] \([\d.]+ %\)": "]",
+    r"its driving depends on what its camera shows": "drives by what it sees",
     **{f"{what} changes its decision more": f"{name} changes its decision more" for name, what in PICTURES.items()},
     r"that [^;]* changes its decision on 0.1 of the frames or more is not excluded": "an effect of 0.1 is not excluded",
     r"another paint of the own vehicle alone changes": "only the paint of the own vehicle changes",
@@ -139,14 +142,14 @@ REWORDED: Mapping[str, str | Callable[[re.Match[str]], str]] = {
     r"that its answer depends on the condition is not significant": "no answer depends on the condition",
     r"that its outputs depend on the condition is significant, that its decisions do is not": "only outputs differ",
     r"that its action follows the gap is not significant": "the action does not follow the gap",
-    r"([Ii]ts cameras|[Tt]he \w+ camera) (carry|carries) ([^;]*) of the action's variation, and grey pictures change "
-    r"([^;:]*): both are below 0.1(, and no episode was found that responds by 0.1 or more)?": (
+    rf"([Ii]ts cameras|[Tt]he \w+ camera) (carry|carries) ({_SHARE}) of the action's variation, and grey pictures "
+    rf"change ({_SHARE}): both are below 0.1(, and no episode was found that responds by 0.1 or more)?": (
         lambda found: unplugged(*found.groups())
     ),
-    r"grey pictures change ([^:]*): that there is a picture matters, and which of these it is hardly does": (
-        r"grey pictures \1: that there is a picture matters, not which of these it is"
+    r"that there is a picture matters, and which of these it is hardly does": (
+        "that there is a picture matters, not which of these it is"
     ),
-    r"(of the action's variation, and grey pictures) change ": r"\1 ",
+    r"grey pictures change ": "grey pictures ",
     r", and its cameras less than 0.1": ", and its cameras next to nothing",
     r"the action's variation": "the action",
     r": ([^:;]*) could be exchanged too, but whether all could together is open, since they may show the same": (

@@ -98,7 +98,10 @@ def test_every_policy_gets_the_labels_that_it_deserves(run: Path) -> None:
         for share in one["channels"].values():
             assert share["ci"][0] <= share["T"] <= share["ci"][1]
             assert share["n"] == 24
-    assert "could be unplugged without anybody noticing" in found["python:arms:middle"]["because"]
+    assert (
+        "both are below 0.1, and no episode was found that responds by 0.1 or more"
+        in found["python:arms:middle"]["because"]
+    )
     assert found["python:arms:middle"]["channels"]["cameras"]["T"] == 0.0
     assert "it declares that it does not read it" in found["python:arms:middle"]["because"]
 

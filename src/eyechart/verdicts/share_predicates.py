@@ -218,9 +218,9 @@ def unfollowed(one: Share) -> str:
         return gone
     if isinstance(one, FollowedShare) and one.smallest_p is not None and one.smallest_p >= ALPHA:
         return "below seven episodes no test can tell"
-    if one.ci is None:
-        return "it has no interval"
-    return "p is not below .01" if one.p is None or one.p >= ALPHA else "its lower end is too low"
+    if one.p is None or one.p >= ALPHA:
+        return "p is not below .01"
+    return "it has no interval" if one.ci is None else "its lower end is too low"
 
 
 @word
