@@ -416,6 +416,8 @@ def test_a_verdict_says_its_answer_and_its_holes() -> None:
     ]
     assert whole.as_dict()["holes"] == []
     assert "What is named as not excluded stays open." in weak.trust
+    assert "stays open" not in part.trust
+    assert Run(**A_HOLE, **OPEN_KIND).verdict.trust.endswith("What is named as not excluded stays open.")
     assert part.why_not is not None
     assert part.why_not.label == "depth"
 

@@ -238,7 +238,7 @@ def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[st
         said.append(LATERAL[lateral.label].says)
     elif beware:
         said.append(f"Beware: {beware}.")
-    if LABELS[label].family == "sees" and not_excluded:
+    if not_excluded and (LABELS[label].family == "sees" or label == "partial_depth"):
         said.append("What is named as not excluded stays open.")
     return " ".join(said)
 
