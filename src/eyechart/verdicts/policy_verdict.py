@@ -214,8 +214,8 @@ def _alone(name: str, ignored: Sequence[str]) -> str:
     if name not in ignored or not others:
         return ""
     return (
-        f"that is said of it alone, while the others are there: so could {others}, and that they could together is not "
-        "said, since they may tell the same"
+        f"that is said of it alone, while the others are there: {others} could be exchanged too, but whether all could "
+        "together is open, since they may show the same"
     )
 
 
@@ -304,7 +304,7 @@ GUARDING = Axis(
             "misfit",
             "misfit",
             (UNFIT, UNLIKE),
-            f"its error is {{size:misfit}} of the log's variance, and {{unlike:misfit}}: {_ODD}",
+            f"its error is {{size:misfit}} times the log's variance, and {{unlike:misfit}}: {_ODD}",
         ),
         Rule("constant", "variation", (_HARDLY, _STILL), _VARIES),
         Rule(
@@ -458,7 +458,7 @@ REMARKS = (
         UNLIKE,
     ),
     _remark(
-        "its error is {size:misfit} of the log's variance: it does something else than was logged, so that what it "
+        "its error is {size:misfit} times the log's variance: it does something else than was logged, so that what it "
         "uses may be put to no good use",
         UNFIT,
     ),

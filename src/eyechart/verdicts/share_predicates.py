@@ -251,7 +251,9 @@ def unfollowed(one: Share) -> str:
         return gone
     if isinstance(one, FollowedShare) and one.smallest_p is not None and one.smallest_p >= ALPHA:
         return "below seven episodes no test can tell"
-    return "p is not below .01" if one.p is None or one.p >= ALPHA else "its lower end is too low"
+    if one.p is None or one.p >= ALPHA:
+        return "p is not below .01"
+    return "it has no interval" if one.ci is None else "its lower end is too low"
 
 
 @word
@@ -268,7 +270,8 @@ def why_open(one: Share) -> str:
         return f"{alone}: what goes beyond that is not above {USED}, and the whole not below {IGNORED}"
     if one.p is not None and one.p > ALPHA and one.ci is not None and one.ci[0] > USED:
         return f"its answers are drawn, and such a difference can come by chance (p {one.p:.3f})"
-    return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
+    interval = "there is no interval" if one.ci is None else f"the interval is neither above {USED} nor below {IGNORED}"
+    return interval if one.ci is None else f"{interval}; more episodes make it shorter"
 
 
 @word
@@ -285,10 +288,10 @@ def share(one: Share) -> str:
 
 @word
 def of_action(one: Share) -> str:
-    """Return a share in words, with "of the action"."""
+    """Return a share in words, with what it is of: how the action varies between moments."""
     if one.value is None or one.value <= 1:
-        return f"{share(one)} of the action"
-    return f"all of the action (T {one.value:.2f}{_ends(one)}; another moment has T 1)"
+        return f"{share(one)} of the action's variation"
+    return f"all of the action's variation (T {one.value:.2f}{_ends(one)}; another moment has T 1)"
 
 
 def _ends(statistic: Statistic) -> str:

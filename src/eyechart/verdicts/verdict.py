@@ -239,8 +239,8 @@ def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[st
         said.append(LATERAL[lateral.label].says)
     elif beware:
         said.append(f"Beware: {beware}.")
-    if LABELS[label].family == "sees" and not_excluded:
-        said.append("Part of what was tested stays open.")
+    if not_excluded and (LABELS[label].family == "sees" or label == "partial_depth"):
+        said.append("What is named as not excluded stays open.")
     return " ".join(said)
 
 
@@ -248,9 +248,7 @@ def _beware(label: str, lateral: Ruling, clear: Statistic) -> str:
     """Return in words that a model turns to the blocked side; empty where it was not shown to."""
     if not isinstance(clear, SignTest) or (label == "depth_lateral" and lateral.label == "turns_clear"):
         return ""
-    if _turns_blocked(clear):
-        return "its turns go to the blocked side"
-    if lateral.decided_by == "turns_against":
+    if _turns_blocked(clear) or lateral.decided_by == "turns_against":
         return f"{clear.losses} of its {clear.n} turns with one clear side go to the blocked side"
     return ""
 

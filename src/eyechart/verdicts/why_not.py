@@ -30,6 +30,7 @@ from eyechart.verdicts.rules import Clause, NamedStatistics
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
+_NOT_SHOWN = "nothing on frames like these: the test was made, and shows no effect, nor excludes one"
 _BOUNDED = f"nothing on frames like these: the effect of content is bounded below {MARGIN}"
 _DECISIONS = "replies that hold a decision: another output format, or a larger budget of tokens"
 MOVED = ("lead_near", "lead_far")
@@ -286,4 +287,6 @@ def _frames(statistic: Statistic) -> tuple[str, int | None]:
             if need > frames:
                 break
             alpha /= 2  # its rule corrects it, for so many tests
-    return (NOTHING, None) if need is None else (f"about {need} frames, if the rest are like these {frames}", need)
+    if statistic.p is None:
+        return f"decisions that this test can compare: {statistic.note}", None
+    return (_NOT_SHOWN, None) if need is None else (f"about {need} frames, if the rest are like these {frames}", need)

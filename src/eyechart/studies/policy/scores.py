@@ -90,7 +90,7 @@ class PolicyScore:
         )
 
     def scope(self, spec: str) -> str:
-        """Return the sentence that limits the verdict on a policy."""
+        """Return what limits the verdict on a policy, in words."""
         one = self.models[spec]
         frames = one.motions.plan.frames
         episodes = len({frame.drive for frame in frames})
@@ -98,7 +98,7 @@ class PolicyScore:
         prompt, others = (f" with prompt {self.manifest.prompt.key}", "other prompts, ") if states(spec) else ("", "")
         return (
             f"{where}, {spec}@{one.version}{prompt} on {self.manifest.created}; not tested: {others}other data, closed "
-            "loop, and what only few episodes would show."
+            "loop, and what only few episodes would show. Intervals are of 98 %."
         )
 
 
