@@ -131,7 +131,7 @@ format: $(DEV)
 	$(BIN)/ruff format .
 
 docs: $(DOCS)
-	$(BIN)/python -m sphinx -j 2 -E -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
 
 # Both distributions, their contents checked, and tried in a fresh environment of the Python that make uses; for a release
