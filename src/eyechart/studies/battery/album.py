@@ -35,8 +35,9 @@ _LOSSLESS, _PALETTE = {"quality": 20, "method": 1}, 256
 """How hard the lossless code of WebP tries, and the most colours that it keeps in a table. Harder (60, 4) makes drawn
 pictures a sixth smaller. A picture of more colours is longer in it than in the lossy code, by 1.2 to 60 times."""
 
-_LOSSY = 2
-"""How hard the lossy code tries: 4 makes a picture 3 to 9 % smaller, and takes more than twice as long."""
+_LOSSY, _LOSSY_NOISE = 2, 1
+"""How hard the lossy code tries: 4 makes a picture 3 to 9 % smaller, and takes more than twice as long. Noise is no
+smaller by it."""
 
 _WIDEST_VIEW = 640
 
@@ -145,7 +146,9 @@ class _Binder:
             wide, quality = _NOISE if noise else (self.width, self.quality)
             made = (digest, wide, quality)
             if made not in self.codes:
-                self.codes[made] = encode_small(rgb, wide, quality, lossless=not noise)
+                self.codes[made] = encode_small(
+                    rgb, wide, quality, lossless=not noise, effort=_LOSSY_NOISE if noise else _LOSSY
+                )
             small = self.codes[made]
             if self.spent + len(small) > self.budget:
                 self.left_out += 1
@@ -173,10 +176,11 @@ class _Binder:
         return tuple(words for words, count in found.items() if count)
 
 
-def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool) -> bytes:
+def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool, effort: int = _LOSSY) -> bytes:
     """Return a picture (h, w, 3) as WebP of at most ``width`` pixels.
 
-    It is lossless if that is asked for, its colours are few, and it is smaller so.
+    It is lossless if that is asked for, its colours are few, and it is smaller so. ``effort`` is the
+    lossy code's, from 0 to 6.
     """
     image = Image.fromarray(rgb)
     if image.width > width:
@@ -184,7 +188,7 @@ def encode_small(rgb: RGB, width: int, quality: int, *, lossless: bool) -> bytes
     exact = webp(image, lossless=True, **_LOSSLESS) if lossless and image.getcolors(_PALETTE) else None
     if exact is not None and 8 * len(exact) < _PLAIN * image.width * image.height:
         return exact
-    lossy = webp(image, quality=quality, method=_LOSSY)
+    lossy = webp(image, quality=quality, method=effort)
     return lossy if exact is None else min(exact, lossy, key=len)
 
 
