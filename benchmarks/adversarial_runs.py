@@ -25,11 +25,12 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import adversary_door
-from adversarial_counts import KNOWN, Row, said_of, write
+from adversarial_counts import KNOWN, Row, named_places, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
-from adversary_truth import find_truth
+from adversary_truth import find_rest, find_truth
 from eyechart import verdicts
 from eyechart.calls import Query, Reply
 from eyechart.conditions import CONTROLS, asked_in_stages
@@ -168,6 +169,7 @@ class Asking:
     def __init__(self, one: Adversary, world: World, rng: random.Random) -> None:
         self.one, self.world, self.rng, self.calls = one, world, rng, 0
         self.given: dict[str, list[Decision[str] | None]] = {}
+        self.sent: dict[str, NDArray[np.int64]] = {}
 
     def ask(self, names: Iterable[str], may: Mapping[str, Sequence[bool]]) -> None:
         """Ask about what some conditions show, of the frames of which that ``may`` be."""
@@ -178,17 +180,19 @@ class Asking:
             if shown is not None and may.get(name, (True,) * (number + 1))[number]
         ]
         self.rng.shuffle(keys)
+        frames = len(self.world.frames)
         for name, number in keys:
             shown = self.world.shown[name][number]
             assert shown is not None
-            column = self.given.setdefault(name, [None] * len(self.world.frames))
+            column = self.given.setdefault(name, [None] * frames)
             column[number] = read(self.one.decide(shown.sight, self.rng))
-        self.calls += len(keys)
+            self.sent.setdefault(name, np.full(frames, -1))[number] = self.calls
+            self.calls += 1
 
     def answers(self, name: str) -> Answers:
         """Return its answers so far."""
         decisions = {condition: tuple(column) for condition, column in self.given.items()}
-        return Answers(name, self.world.frames, DRIVING, LEAD_GAP, decisions)
+        return Answers(name, self.world.frames, DRIVING, LEAD_GAP, decisions, sent=self.sent)
 
 
 def sampled_frames(world: World, seed: int) -> dict[str, list[bool]]:
@@ -217,7 +221,8 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
     while wanted:
         asking.ask(wanted, may)
         asked += wanted
-        statistics = LazyStatistics(CalibratedTests(asking.answers(chance), how).tests())
+        given = replace(asking.answers(chance), sent={})  # as a run finds its stages
+        statistics = LazyStatistics(CalibratedTests(given, how).tests())
         wanted = list(verdicts.controls_wanted(statistics, supplied=supplied, asked=asked))
     answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
@@ -317,15 +322,26 @@ def measured(name: str, kind: str, pictures: Pictures) -> dict[str, object]:
         adversary = adversary_door.adversary(name)
         says = {True: "depth", False: "no", None: "none"}
         return {"says": says[adversary.follows], "turns": "no", "places": {}}
-    pixels = name in adversary_door.PIXELS or name in adversary_door.SIZES
-    look = name if pixels else ""
-    if look and not pictures.looked[0]:
-        look = next(iter(adversary_door.SIZES))
-    found = find_truth(partial(opened, name, kind, 1), pictures, look)
+    found = find_truth(partial(opened, name, kind, 1), pictures, _look(name, pictures))
     if name.endswith(COLD):  # what repeats counts in all; of the few pictures of a place it says what befell those
         warm = find_truth(partial(opened, name.removesuffix(COLD), kind, 1), pictures)
         found = replace(found, places=warm.places)
     return found.plain()
+
+
+def _look(name: str, pictures: Pictures) -> str:
+    """Return the rule of the pixels that a controller is, "" for one that sees."""
+    if name not in adversary_door.PIXELS and name not in adversary_door.SIZES:
+        return ""
+    return name if pictures.looked[0] else next(iter(adversary_door.SIZES))
+
+
+def measured_rest(row: Row, pictures: Pictures) -> Mapping[str, str]:
+    """Return the truth of the places outside of those that a row names; of one that knows files nothing."""
+    if row.name in adversary_door.FILES:
+        return {}
+    warm = partial(opened, row.name.removesuffix(COLD), row.kind, 1)
+    return find_rest(warm, pictures, named_places(row), _look(row.name, pictures))
 
 
 def main() -> int:
@@ -345,8 +361,8 @@ def main() -> int:
             for number in range(count):
                 make_rows(Bank(world, number), GROUPS[group], kept)
                 print(f"{group}: {world} {number + 1} of {count}", file=sys.stderr, flush=True)
-            write(kept.rows(), kept.truths, given.result)
-    return write(kept.rows(), kept.truths, given.result)
+            kept.write(given.result)
+    return kept.write(given.result)
 
 
 class Kept:
@@ -358,7 +374,12 @@ class Kept:
         found = [Row(**{**one, "holes": tuple(one["holes"])}) for one in map(json.loads, _lines(self._rows))]
         self._found = {(one.bank, one.name): one for one in found}
         of_truth = [one for one in map(json.loads, _lines(self._truths)) if one["code"] == self.code.truth]
-        self.truths = {(str(one["world"]), str(one["name"])): one for one in of_truth}
+        self.truths = {(str(one["world"]), str(one["name"])): one for one in of_truth if "named" not in one}
+        self.rests = {
+            (str(one["world"]), str(one["name"]), tuple(one["named"])): one["places"]
+            for one in of_truth
+            if "named" in one
+        }
 
     def has(self, bank: Bank, name: str) -> bool:
         """Return whether there is a row of today's code."""
@@ -378,6 +399,21 @@ class Kept:
             row = {"world": world, "name": name, "kind": kind, "code": self.code.truth, **found}
             self.truths[world, name] = row
             _append(self._truths, row)
+
+    def require_rests(self) -> None:
+        """Measure what controllers do outside of the places that their rows name, where that is not known."""
+        for row in self.rows():
+            world, named = SIMULATED if row.world.startswith(SIMULATED) else row.world, named_places(row)
+            if row.label == "partial_depth" and row.kind != KNOWN and (world, row.name, named) not in self.rests:
+                found = measured_rest(row, _pictures(world, self.folder))
+                self.rests[world, row.name, named] = found
+                line = {"world": world, "name": row.name, "named": named, "code": self.code.truth, "places": found}
+                _append(self._truths, line)
+
+    def write(self, result: Path) -> int:
+        """Write what the rows come to; returns the exit code."""
+        self.require_rests()
+        return write(self.rows(), self.truths, self.rests, result)
 
     def rows(self) -> list[Row]:
         """Return all rows of today's code and of who is tried today."""

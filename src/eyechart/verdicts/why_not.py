@@ -208,6 +208,8 @@ def _not_depth(evidence: Evidence) -> WhyNot:
         return replace(_by_clause("depth", clause, found, f"about {frames} frames with {PATCHED}"), frames=frames)
     elif clause is NO_OPEN_PLACE:
         settle = f"more frames {one.note}"
+    elif clause.statistic == "picture_before":
+        settle = "an answer to each picture of its own: no memory of earlier calls"
     elif clause.statistic == "unparsed_controls":
         settle = "decisions on edited pictures: it declines them more often than true ones may be"
     return _by_clause("depth", clause, found, settle)
