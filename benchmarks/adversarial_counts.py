@@ -14,6 +14,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +24,11 @@ from eyechart.simulators.banks import STAGING
 from eyechart.stats.episodes import share_over_episodes
 from newcomers import ADVERSARIES_BY_KIND
 
-PROMISED: Mapping[str, float] = {"simulated-288": 0.01, "simulated-72": 1.0}
-"""The share of untrue claims of the newcomers that is allowed in a world; elsewhere `UNTRUE`."""
-UNTRUE, LEFT_OUT, FOUND, OF_TEN = 0.04, 0.04, 0.85, 0.3
+PROMISED: Mapping[int, float] = {144: 0.04, 288: 0.01}
+"""The share of untrue claims of the newcomers that is allowed, over all banks of so many frames; 72 are reported."""
+LEFT_OUT, FOUND, OF_TEN = 0.04, 0.85, 0.3
+LIMIT = 144
+"""Frames of a bank of a simulator that are asked about."""
 CLAIMS = ("depth", "depth_lateral", "turns_clear")
 AUTHORITY = ("depth", "depth_lateral")
 ORDINARY = ("readers", "stranger readers")
@@ -163,6 +166,7 @@ def judge(rows: Sequence[Row], truths: Truths, rests: Rests) -> dict[str, object
     """Return what is written of the rows of one world."""
     tried = [(row, truth) for row in rows if (truth := truth_of(row, truths))]
     result: dict[str, object] = {"banks": len({row.bank for row in rows}), "rows": len(rows)}
+    result["rows by code"] = dict(Counter(row.code for row in rows))
     result["untrue"] = {claim: _untrue(claim, tried) for claim in CLAIMS}
     result["a place is no and the label is depth"] = _holed(tried)
     result["partial_depth untrue"] = _partial(tried, rests)
@@ -265,23 +269,36 @@ def _is_right(row: Row) -> bool:
     return row.label == CONTROLLERS[row.name].declared.calibrated
 
 
-def misses_of(world: str, found: Mapping[str, object]) -> list[str]:
-    """Return what of one world falls short of what is promised."""
-    misses, most = [], PROMISED.get(world, UNTRUE)
-    for claim, one in dict(found["untrue"]).items():  # type: ignore[call-overload]
-        if _share(one["by kind"]["new"]) > most:
-            misses.append(f"{world}: {claim} untrue of newcomers {one['by kind']['new']}, wanted {most}")
-        misses += [
-            f"{world}: {claim} untrue of kind {kind} {said}"
-            for kind, said in one["by kind"].items()
-            if kind in ADVERSARIES_BY_KIND and _share(said) > OF_TEN
-        ]
-    if _share(partial := dict(found["partial_depth untrue"])["of those called so"]) > LEFT_OUT:  # type: ignore[call-overload]
-        misses.append(f"{world}: partial_depth untrue {partial}, wanted {LEFT_OUT}")
-    readers = dict(found["readers told so"])["one error"]["all"]  # type: ignore[call-overload]
-    if not readers.startswith("0 of 0") and _share(readers) < FOUND:
-        misses.append(f"{world}: readers told so {readers}, wanted {FOUND}")
+def misses_of(judged: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return what falls short of what is promised, of what `judge` found in each world."""
+    misses = []
+    for world, found in judged.items():
+        for claim, one in found["untrue"].items():
+            said = {kind: share for kind, share in one["by kind"].items() if _share(share) > OF_TEN}
+            misses += [f"{world}: {claim} untrue of kind {kind} {share}" for kind, share in said.items()]
+        readers = found["readers told so"]["one error"]["all"]
+        if not readers.startswith("0 of 0") and _share(readers) < FOUND:
+            misses.append(f"{world}: readers told so {readers}, wanted {FOUND}")
+    for frames, most in PROMISED.items():
+        worlds = [found for world, found in judged.items() if frames_of(world) == frames]
+        for claim in CLAIMS:
+            said = _together(found["untrue"][claim]["by kind"]["new"] for found in worlds)
+            if _share(said) > most:
+                misses.append(f"{frames} frames: {claim} untrue of newcomers {said}, wanted {most}")
+        partial = _together(found["partial_depth untrue"]["of those called so"] for found in worlds)
+        if _share(partial) > LEFT_OUT:
+            misses.append(f"{frames} frames: partial_depth untrue {partial}, wanted {LEFT_OUT}")
     return misses
+
+
+def frames_of(world: str) -> int:
+    """Return how many frames the banks of a world have."""
+    return int(world.rpartition("-")[2]) if world.startswith("simulated") else LIMIT
+
+
+def _together(many: Iterable[str]) -> str:
+    counts = np.array([[int(part) for part in said.partition(" [")[0].split(" of ")] for said in many], dtype=int)
+    return "{} of {}".format(*counts.reshape(-1, 2).sum(axis=0))
 
 
 def _share(said: str) -> float:
@@ -301,7 +318,7 @@ def write(rows: Sequence[Row], truths: Truths, rests: Rests, result: Path) -> in
     }
     worlds = list(dict.fromkeys(row.world for row in rows))
     judged = {world: judge([row for row in rows if row.world == world], truths, rests) for world in worlds}
-    misses = [one for world, mine in judged.items() for one in misses_of(world, mine)]
+    misses = misses_of(judged)
     measured = {f"{world} {name}": _short(truth) for (world, name), truth in sorted(truths.items())}
     result.parent.mkdir(exist_ok=True)
     text = json.dumps(found | judged | {"truth": measured, "misses": misses}, indent=1)

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import adversary_door
-from adversarial_counts import KNOWN, Row, named_places, said_of, write
+from adversarial_counts import KNOWN, LIMIT, Row, named_places, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
 from adversary_truth import find_rest, find_truth
 from eyechart import verdicts
@@ -59,8 +59,6 @@ RESULT = ROOT / "benchmarks" / "results" / "adversaries.json"
 WORLDS = "simulated-72=10,simulated-288=10,simulated-144=10,highway=10,rover=5,drone=5"
 FIRST_SEED = 7000
 """Banks of other seeds than any that a rule was chosen on."""
-LIMIT = 144
-"""Frames of a bank of a simulator that are asked about."""
 RESAMPLES = 999
 TOGETHER = 30
 """So many controllers are asked in one run."""
@@ -348,18 +346,21 @@ def main() -> int:
     """Make the rows that are missing, count them, and write the result."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--worlds", default=WORLDS, help="how many fresh banks of each world")
-    options.add_argument("--groups", default=",".join(GROUPS), help="who is tried, the first first")
+    options.add_argument("--groups", default=",".join(GROUPS), help="who is tried, the first first; or single kinds")
+    options.add_argument(
+        "--also", default="", help="digest of earlier code, whose rows count where there are no others"
+    )
     options.add_argument("--out", type=Path, default=ROOT / "build" / "adversaries", help="folder of banks and rows")
     options.add_argument("--result", type=Path, default=RESULT, help="file of the result")
     given = options.parse_args()
     folder = given.out.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     asked = [(world, int(count)) for world, _, count in (one.partition("=") for one in given.worlds.split(","))]
-    kept = Kept(folder)
+    kept = Kept(folder, given.also)
     for group in given.groups.split(","):
         for world, count in asked:
             for number in range(count):
-                make_rows(Bank(world, number), GROUPS[group], kept)
+                make_rows(Bank(world, number), GROUPS.get(group, (group,)), kept)
                 print(f"{group}: {world} {number + 1} of {count}", file=sys.stderr, flush=True)
             kept.write(given.result)
     return kept.write(given.result)
@@ -368,11 +369,12 @@ def main() -> int:
 class Kept:
     """Rows and truths that are there, in two files to which each is appended as it comes."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, also: str = "") -> None:
         self.folder, self.code = folder, said_of(ROOT)
         self._rows, self._truths = folder / "rows.jsonl", folder / "truths.jsonl"
         found = [Row(**{**one, "holes": tuple(one["holes"])}) for one in map(json.loads, _lines(self._rows))]
-        self._found = {(one.bank, one.name): one for one in found}
+        ranked = [one for code in (also, self.code.rules) for one in found if one.code == code]
+        self._found = {(one.bank, one.name): one for one in ranked}
         of_truth = [one for one in map(json.loads, _lines(self._truths)) if one["code"] == self.code.truth]
         self.truths = {(str(one["world"]), str(one["name"])): one for one in of_truth if "named" not in one}
         self.rests = {
@@ -400,10 +402,12 @@ class Kept:
             self.truths[world, name] = row
             _append(self._truths, row)
 
-    def require_rests(self) -> None:
-        """Measure what controllers do outside of the places that their rows name, where that is not known."""
+    def _require_truths(self) -> None:
+        """Measure what every row is judged by: also what is done outside of the places that it names."""
         for row in self.rows():
             world, named = SIMULATED if row.world.startswith(SIMULATED) else row.world, named_places(row)
+            if row.kind != KNOWN:
+                self.require_truth(world, row.name, row.kind)
             if row.label == "partial_depth" and row.kind != KNOWN and (world, row.name, named) not in self.rests:
                 found = measured_rest(row, _pictures(world, self.folder))
                 self.rests[world, row.name, named] = found
@@ -412,13 +416,13 @@ class Kept:
 
     def write(self, result: Path) -> int:
         """Write what the rows come to; returns the exit code."""
-        self.require_rests()
+        self._require_truths()
         return write(self.rows(), self.truths, self.rests, result)
 
     def rows(self) -> list[Row]:
-        """Return all rows of today's code and of who is tried today."""
+        """Return the rows of who is tried today."""
         tried = {name + cold for names in KINDS.values() for name in names for cold in ("", COLD)}
-        return [one for one in self._found.values() if one.code == self.code.rules and one.name in tried]
+        return [one for one in self._found.values() if one.name in tried]
 
 
 @cache
@@ -439,9 +443,6 @@ def make_rows(bank: Bank, kinds: Sequence[str], kept: Kept) -> None:
     """Make those rows of some kinds on a bank that are missing."""
     named = [(name, kind) for kind in kinds for name in names_of(kind, bank)]
     todo = [(name, kind) for name, kind in named if not kept.has(bank, name)]
-    for name, kind in named:
-        if kind != KNOWN:
-            kept.require_truth(SIMULATED if bank.is_simulated else bank.world, name, kind)
     if bank.is_simulated:
         for name, kind in todo:
             kept.add(judge_simulated(bank, name, kind))

@@ -139,7 +139,7 @@ SHOWN: tuple[Clause, ...] = (
         "high",
         "<",
         0.0,
-        "that the picture before moves it less than half as much is not shown",
+        "that the picture before moves its braking less than half as much is not shown",
         untested=True,
     ),
     compared(

@@ -90,7 +90,7 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     found, label, name = evidence.statistics, ruling.label, ruling.decided_by
     if label == "depth":
         return _not_lateral(found, lateral)
-    if evidence.stopped is not None:
+    if evidence.stopped is not None and not evidence.stopped.whole:
         return _stopped(evidence, label) if label in _EARLY else None
     made: dict[str, Callable[[], WhyNot]] = {
         "not_scorable": lambda: WhyNot(ANY, name, ruling.statistic, f"at most {UNPARSED_CUT}", _DECISIONS),
