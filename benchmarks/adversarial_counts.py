@@ -319,6 +319,7 @@ def write(rows: Sequence[Row], truths: Truths, rests: Rests, result: Path) -> in
     worlds = list(dict.fromkeys(row.world for row in rows))
     judged = {world: judge([row for row in rows if row.world == world], truths, rests) for world in worlds}
     misses = misses_of(judged)
+    found["truths by code"] = dict(Counter(str(truth["code"]) for truth in truths.values()))
     measured = {f"{world} {name}": _short(truth) for (world, name), truth in sorted(truths.items())}
     result.parent.mkdir(exist_ok=True)
     text = json.dumps(found | judged | {"truth": measured, "misses": misses}, indent=1)

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import adversary_door
-from adversarial_counts import KNOWN, LIMIT, Row, named_places, said_of, write
+from adversarial_counts import KNOWN, LIMIT, Code, Row, named_places, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
 from adversary_truth import find_rest, find_truth
 from eyechart import verdicts
@@ -347,16 +347,15 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--worlds", default=WORLDS, help="how many fresh banks of each world")
     options.add_argument("--groups", default=",".join(GROUPS), help="who is tried, the first first; or single kinds")
-    options.add_argument(
-        "--also", default="", help="digest of earlier code, whose rows count where there are no others"
-    )
+    earlier = "digests of earlier code, of rules and truth: what it made counts where today's made nothing"
+    options.add_argument("--also", nargs=2, default=("", ""), metavar=("RULES", "TRUTH"), help=earlier)
     options.add_argument("--out", type=Path, default=ROOT / "build" / "adversaries", help="folder of banks and rows")
     options.add_argument("--result", type=Path, default=RESULT, help="file of the result")
     given = options.parse_args()
     folder = given.out.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     asked = [(world, int(count)) for world, _, count in (one.partition("=") for one in given.worlds.split(","))]
-    kept = Kept(folder, given.also)
+    kept = Kept(folder, Code(*given.also))
     for group in given.groups.split(","):
         for world, count in asked:
             for number in range(count):
@@ -369,18 +368,23 @@ def main() -> int:
 class Kept:
     """Rows and truths that are there, in two files to which each is appended as it comes."""
 
-    def __init__(self, folder: Path, also: str = "") -> None:
+    def __init__(self, folder: Path, also: Code) -> None:
         self.folder, self.code = folder, said_of(ROOT)
         self._rows, self._truths = folder / "rows.jsonl", folder / "truths.jsonl"
         found = [Row(**{**one, "holes": tuple(one["holes"])}) for one in map(json.loads, _lines(self._rows))]
-        ranked = [one for code in (also, self.code.rules) for one in found if one.code == code]
+        ranked = [one for code in (also.rules, self.code.rules) for one in found if one.code == code]
         self._found = {(one.bank, one.name): one for one in ranked}
-        of_truth = [one for one in map(json.loads, _lines(self._truths)) if one["code"] == self.code.truth]
-        self.truths = {(str(one["world"]), str(one["name"])): one for one in of_truth if "named" not in one}
+        known = [json.loads(line) for line in _lines(self._truths)]
+        self.truths = {
+            (str(one["world"]), str(one["name"])): one
+            for code in (also.truth, self.code.truth)
+            for one in known
+            if one["code"] == code and "named" not in one
+        }
         self.rests = {
             (str(one["world"]), str(one["name"]), tuple(one["named"])): one["places"]
-            for one in of_truth
-            if "named" in one
+            for one in known
+            if one["code"] == self.code.truth and "named" in one
         }
 
     def has(self, bank: Bank, name: str) -> bool:
