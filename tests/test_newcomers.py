@@ -161,6 +161,9 @@ def test_what_lies_in_a_named_third_is_no_fault_of_a_scenario(rest_of: Callable[
     assert rest_of(alarm) == {"third middle", "third far"}
     assert rest_of(alarm, "third middle", "third far") == set()
     assert rest_of(alarm, "third far") == {"third middle"}
+    hole = PARTS["blind_11_26"]
+    assert {"third middle", "scenario light", "scenario blocked"} <= rest_of(hole)
+    assert rest_of(hole, "third middle") == set()
 
 
 def test_a_place_that_is_named_wrongly_or_left_out_is_untrue(benchmarks: ModuleType) -> None:

@@ -119,8 +119,8 @@ def test_on_real_pictures_the_verdicts_are_those_of_the_whole_battery(demo: Demo
         assert one.stopped.calls + one.stopped.beyond <= one.stopped.planned * most
         assert one.paper.label == NOT_JUDGED
         assert full.stopped is None
-        of_pictures = ([number for number in of.numbers if number.name != ORDERED] for of in (one, full))
-        assert (next(of_pictures) == next(of_pictures)) is one.stopped.whole or not full.numbers, name
+        early_numbers, numbers = ([number for number in of.numbers if number.name != ORDERED] for of in (one, full))
+        assert (early_numbers == numbers) is one.stopped.whole or not numbers, name
         assert [number.outcome for number in one.numbers] == [number.outcome for number in full.numbers]
 
 
