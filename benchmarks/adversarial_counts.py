@@ -291,6 +291,17 @@ def misses_of(judged: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return misses
 
 
+def alone_above(judged: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return which worlds are above what is promised of all banks of as many frames together: that is no miss."""
+    return [
+        f"{world} alone: {claim} untrue of newcomers {said}, of all banks of {frames_of(world)} frames wanted {most}"
+        for world, found in judged.items()
+        for claim in CLAIMS
+        if (most := PROMISED.get(frames_of(world))) is not None
+        and _share(said := found["untrue"][claim]["by kind"]["new"]) > most
+    ]
+
+
 def frames_of(world: str) -> int:
     """Return how many frames the banks of a world have."""
     return int(world.rpartition("-")[2]) if world.startswith("simulated") else LIMIT
@@ -318,13 +329,13 @@ def write(rows: Sequence[Row], truths: Truths, rests: Rests, result: Path) -> in
     }
     worlds = list(dict.fromkeys(row.world for row in rows))
     judged = {world: judge([row for row in rows if row.world == world], truths, rests) for world in worlds}
-    misses = misses_of(judged)
+    misses, alone = misses_of(judged), alone_above(judged)
     found["truths by code"] = dict(Counter(str(truth["code"]) for truth in truths.values()))
     measured = {f"{world} {name}": _short(truth) for (world, name), truth in sorted(truths.items())}
     result.parent.mkdir(exist_ok=True)
-    text = json.dumps(found | judged | {"truth": measured, "misses": misses}, indent=1)
+    text = json.dumps(found | judged | {"truth": measured, "alone above": alone, "misses": misses}, indent=1)
     result.write_text(text + "\n", encoding="utf-8")
-    print("\n".join(misses) or "no claim is untrue more often than is promised")
+    print("\n".join([*alone, *(misses or ["no claim is untrue more often than is promised"])]))
     return int(bool(misses))
 
 

@@ -216,3 +216,13 @@ def test_a_miss_is_of_all_banks_of_so_many_frames_and_of_each_kind(
     del benchmarks
     counts = importlib.import_module("adversarial_counts")
     assert [one.partition(", wanted")[0] for one in counts.misses_of(worlds)] == missed
+
+
+def test_a_world_above_alone_is_said_and_is_no_miss(benchmarks: ModuleType) -> None:
+    """Whoever reads the result sees the rover, though all banks together hold."""
+    del benchmarks
+    counts = importlib.import_module("adversarial_counts")
+    worlds = {name: judged(said, "0 of 9") for name, said in (("rover", "11 of 170"), ("highway", "4 of 100"))}
+    said = "rover alone: depth untrue of newcomers 11 of 170, of all banks of 144 frames wanted 0.04"
+    assert counts.alone_above(worlds) == [said]
+    assert counts.alone_above({"simulated-72": judged("20 of 100", "0 of 9")}) == []
