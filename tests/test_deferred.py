@@ -1,8 +1,6 @@
-"""What is not made before it is used: regular expressions, ``asyncio``, and the threads of arithmetic."""
+"""What is not made before it is used: ``asyncio``, and the threads of arithmetic."""
 
-import copy
 import os
-import re
 import subprocess
 import sys
 
@@ -10,27 +8,6 @@ import pytest
 
 from eyechart import cli
 from eyechart.cli.app import app
-from eyechart.regexes import pattern
-
-
-def test_a_pattern_does_what_one_of_re_does() -> None:
-    """Used once or again."""
-    late, early = pattern(r"(a+)b", re.IGNORECASE), re.compile(r"(a+)b", re.IGNORECASE)
-    text = "xAAb aB b"
-    for _ in range(2):
-        assert [one.span(1) for one in late.finditer(text)] == [one.span(1) for one in early.finditer(text)]
-        assert late.sub("-", text) == early.sub("-", text)
-        assert late.findall(text) == early.findall(text)
-    assert late.fullmatch("nothing") is None
-    assert copy.deepcopy(late).findall(text) == early.findall(text)
-    assert (late.pattern, late.flags) == (early.pattern, early.flags)
-
-
-def test_a_pattern_is_compiled_when_it_is_used() -> None:
-    """One that is wrong is found then."""
-    late = pattern("(")
-    with pytest.raises(re.error, match="unterminated"):
-        late.search("text")
 
 
 def test_what_reads_a_run_has_no_event_loop() -> None:

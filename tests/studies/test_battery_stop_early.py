@@ -164,7 +164,7 @@ def test_a_gate_takes_a_stopped_run_for_complete(highway: tuple[Path, Result]) -
     assert not held["scripted:presence"].holds
     because = held["scripted:depth"].because
     assert "stopped early after 1687 of 2592 calls, as depth was settled" in because
-    assert "of 100 comparisons the wrong way round: order = " in because
+    assert "of 100 comparisons the wrong way round (bound of 95 %): order = " in because
     rate = hold(SCORED(out), ["depth"], max_unparsed=0.9).checks[1]
     assert (rate.requirement, rate.holds) == ("max_unparsed", None)
     assert "stopped early" in rate.because

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from eyechart.conditions import NUDGES
 from eyechart.frames import PATCHED
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.episode_permutation import episodes_needed
 from eyechart.stats.paired_tests import SignTest
@@ -30,6 +30,7 @@ from eyechart.verdicts.rules import Clause, NamedStatistics
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
+_NOT_SHOWN = "nothing on frames like these: the test was made, and shows no effect, nor excludes one"
 _BOUNDED = f"nothing on frames like these: the effect of content is bounded below {MARGIN}"
 _DECISIONS = "replies that hold a decision: another output format, or a larger budget of tokens"
 MOVED = ("lead_near", "lead_far")
@@ -49,17 +50,13 @@ ANY = "any other"
 
 
 @dataclass(frozen=True, slots=True)
-class WhyNot(KeyedRecord):
+class WhyNot:
     """The nearest stronger label, the statistic that kept a model from it, and what settles it.
 
     ``frames``, ``episodes`` and ``conditions`` are what is missing; more frames are never named
     where a condition is. The p is that of the rule, corrected where the rule corrects it. ``first``
     is the first way of several that ``settle`` names.
     """
-
-    written = (
-        "label decided_by statistic.value statistic.ci statistic.n statistic.p needs settle frames episodes conditions"
-    )
 
     label: str
     decided_by: str
@@ -70,6 +67,12 @@ class WhyNot(KeyedRecord):
     episodes: int | None = None
     conditions: tuple[str, ...] = ()
     first: str = ""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        one = self.statistic
+        measured = to_json_fields(one, "value ci n p") if one else dict.fromkeys(("value", "ci", "n", "p"))
+        return to_json_fields(self, "label decided_by needs settle frames episodes conditions") | measured
 
     def __str__(self) -> str:
         return f"not {self.label}: {measured(self.decided_by, self.statistic)}; it needs {self.needs}"
@@ -286,4 +289,6 @@ def _frames(statistic: Statistic) -> tuple[str, int | None]:
             if need > frames:
                 break
             alpha /= 2  # its rule corrects it, for so many tests
-    return (NOTHING, None) if need is None else (f"about {need} frames, if the rest are like these {frames}", need)
+    if statistic.p is None:
+        return f"decisions that this test can compare: {statistic.note}", None
+    return (_NOT_SHOWN, None) if need is None else (f"about {need} frames, if the rest are like these {frames}", need)
