@@ -111,7 +111,7 @@ def test_who_never_looks_gets_no(looked: tuple[Path, dict[str, str]]) -> None:
     """What may be tried next is said beside it, in another folder."""
     folder, screens = looked
     said = screens["constant"]
-    assert said.startswith("No. Its decisions do not come from the camera")
+    assert said.startswith("No. The camera changes its decision on less than 0.1 of the frames")
     assert "a blank picture                 SLOW" in said
     assert "--prompt FILE.toml --out looks/scripted-constant-2" in flat(said)
     assert (folder / "looks/scripted-constant").is_dir()

@@ -9,8 +9,6 @@ DECISIONS = Path(__file__).parents[2] / "docs" / "decisions"
 PAGES = sorted(DECISIONS.glob("*.md"))
 GIVEN = [*range(1, 41), *range(43, 54), *range(57, 63)]
 """The numbers that decisions had while each was a file."""
-LONG = {"battery.md", "policies.md", "stopping.md"}
-"""The pages of one subject that take two screens; any other takes one."""
 
 
 def sentences(text: str) -> list[str]:
@@ -31,12 +29,12 @@ def test_a_sentence_ends_where_the_next_begins() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_decision_is_read_once(page: Path) -> None:
-    """Its prose is below 100 columns, its sentences have 30 words at most, and it takes a screen or two."""
+    """Its prose is below 100 columns, its sentences have 30 words at most, and it takes a screen."""
     text = page.read_text(encoding="utf-8")
     lines = text.splitlines()
     assert [line for line in lines if len(line) > 99 and not line.startswith("|")] == []
     assert [sentence for sentence in sentences(text) if len(re.findall(r"\S*\w\S*", sentence)) > 30] == []
-    assert len(lines) <= (100 if page.name in LONG | {"README.md"} else 55)
+    assert len(lines) <= (100 if page.name == "README.md" else 55)
 
 
 def test_every_number_says_where_it_stands_now() -> None:
