@@ -131,7 +131,7 @@ format: $(DEV)
 	$(BIN)/ruff format .
 
 docs: $(DOCS)
-	$(BIN)/python -m sphinx -j 2 -E -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
 
 # Both distributions, their contents checked, and tried in a fresh environment of the Python that make uses; for a release
@@ -311,11 +311,11 @@ $(MODELS): $(DEV)
 	$(PIP) -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray]'
 	@touch $@
 
-# All that the checks need beside dev, in one go, where all of them are run: continuous integration. What nobody imports
-# is not compiled.
-$(EXTRAS): $(DEV)
-	$(PIP) --no-compile -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray,docs,browser]'
-	@touch $(MODELS) $(DOCS) $(BROWSER) $@
+# All that the checks need, in one go, where all of them are run: continuous integration. What nobody imports is not
+# compiled.
+$(EXTRAS): $(VENV)/bin/python $(PROJECTS) constraints.txt
+	$(PIP) --no-compile -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray,docs,browser]' -e ./organisms
+	@touch $(CORE) $(DEV) $(MODELS) $(DOCS) $(BROWSER) $@
 
 extras: $(EXTRAS)
 

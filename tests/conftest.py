@@ -4,6 +4,7 @@ import gc
 import os
 import re
 import signal
+import sys
 from collections import Counter
 from collections.abc import Generator, Iterator
 from functools import cache
@@ -16,6 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy or Torch is imp
 import pytest
 import typer.main
 import typer.testing
+from filelock import FileLock
 from hypothesis import settings
 
 import known
@@ -155,10 +157,20 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
-    """Have the garbage collector pass over what was imported and collected, which stays to the end, and look seldom."""
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Have the garbage collector pass over what was imported and collected, which stays to the end, and look seldom.
+
+    One worker is the first, and compiles what is not compiled yet; the others find it done, where each would do it.
+    """
     gc.disable()
+    base = session.config._tmp_path_factory.getbasetemp().parent
     try:
+        if hasattr(session.config, "workerinput") and not sys.dont_write_bytecode:
+            with FileLock(base / "collection.lock"):
+                if not (base / "collected").exists():
+                    result = yield
+                    (base / "collected").touch()
+                    return result
         return (yield)
     finally:
         gc.freeze()

@@ -8,6 +8,7 @@ from random import Random
 from eyechart.stats.agreement import SwapRate
 from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic
+from eyechart.verdicts.battery_rules import PICTURES
 
 Found = dict[str, Statistic]
 
@@ -118,7 +119,45 @@ RECORDED: Mapping[str, int] = {"distance": 11, "lateral": 12, "paper": 13, "earl
 """The axes of which older rules are recorded, and the seed of each."""
 
 
-REWORDED: Mapping[str, str] = {
+_SHARE = r"[\d.]+ %(?: \[[^\]]*\])?"
+_FEW = "less than 0.1 of the frames more than a repeat does"
+REWORDED: Mapping[str, str | Callable[[re.Match[str]], str]] = {
+    r"\] \([\d.]+ %\)": "]",
+    r"its driving depends on what its camera shows": "drives by what it sees",
+    **{f"{what} changes its decision more": f"{name} changes its decision more" for name, what in PICTURES.items()},
+    r"that [^;]* changes its decision on 0.1 of the frames or more is not excluded": "an effect of 0.1 is not excluded",
+    r"another paint of the own vehicle alone changes": "only the paint of the own vehicle changes",
+    r"the lead's absence alone changes": "only that the lead is gone changes",
+    r"its braking goes with the gap that frames happen to have": "it brakes harder where the lead is nearer",
+    r"than another frame of its own scenario does; that the latter changes it was not shown": "than another frame does",
+    rf"its decisions on real and blank pictures differ; other content that was tested changes them on {_FEW}": (
+        "its decisions on real and blank pictures differ, and the effect of content is below 0.1"
+    ),
+    r"its outputs on real and blank pictures differ; that its decisions differ was not shown, and all else that was "
+    rf"tested changes them on {_FEW}": "real and blank pictures differ in its outputs, not in its decisions",
+    rf"a blank picture changes its decision on {_FEW}, and so does all else that was tested": (
+        "the effects of a blank picture and of content are both below 0.1"
+    ),
+    r"more than 0.2 of all calls hold no decision": "above 0.2",
+    r"that its answer depends on the condition is not significant": "no answer depends on the condition",
+    r"that its outputs depend on the condition is significant, that its decisions do is not": "only outputs differ",
+    r"that its action follows the gap is not significant": "the action does not follow the gap",
+    rf"([Ii]ts cameras|[Tt]he \w+ camera) (carry|carries) ({_SHARE}) of the action's variation, and grey pictures "
+    rf"change ({_SHARE}): both are below 0.1(, and no episode was found that responds by 0.1 or more)?": (
+        lambda found: unplugged(*found.groups())
+    ),
+    r"that there is a picture matters, and which of these it is hardly does": (
+        "that there is a picture matters, not which of these it is"
+    ),
+    r"grey pictures change ": "grey pictures ",
+    r", and its cameras less than 0.1": ", and its cameras next to nothing",
+    r"the action's variation": "the action",
+    r": ([^:;]*) could be exchanged too, but whether all could together is open, since they may show the same": (
+        r": so could \1, and that they could together is not said, since they may tell the same"
+    ),
+    r"there is no interval": "the interval is neither above 0.02 nor below 0.1; more episodes make it shorter",
+    r"it has no interval": "its lower end is too low",
+    r"times the log's variance": "of the log's variance",
     r"its decisions on real and blank pictures differ, and": "real and blank differ, and",
     r"real and blank pictures differ in its outputs, not in its decisions": (
         "real and blank differ in outputs, not in decisions"
@@ -154,6 +193,13 @@ REWORDED: Mapping[str, str] = {
     r",? with the instants that it is given; a policy that needs earlier ones declares history": "",
 }
 """Sentences that are clearer since, by a pattern, and what stood there when digests were recorded."""
+
+
+def unplugged(what: str, carry: str, share: str, grey: str, none: str | None) -> str:
+    """Return what was said of cameras that are ignored when digests were recorded."""
+    noticed = " without anybody noticing" if none else ""
+    inside = f"{what[0].lower()}{what[1:]} {carry} {share} of the action; grey pictures {grey}"
+    return f"{what} could be unplugged{noticed} ({inside})"
 
 
 def as_recorded(words: str) -> str:

@@ -271,6 +271,27 @@ class GoesOn:
 goes_on = GoesOn()
 
 
+class Wanders:
+    """Add a walk that nobody ends, as what sums its actions up does without a reset."""
+
+    def __init__(self) -> None:
+        self.away, self.draws = np.zeros(3), np.random.default_rng(1)
+
+    def __call__(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+        """Go a step farther off than in the call before."""
+        self.away = self.away + self.draws.normal(size=3)
+        return sound(images, state, instruction) + self.away
+
+
+wanders = Wanders()
+
+
+def trembles(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Answer alike to all, but for a last digit that is drawn."""
+    del images, state, instruction
+    return np.full((8, 3), 0.05) + 1e-5 * STREAM.normal(size=(8, 3))
+
+
 def unseeded(images: Images, state: np.ndarray, instruction: str | None, *, seed: int = 0) -> np.ndarray:
     """Say that a seed fixes it, and draw from a stream of its own."""
     del seed

@@ -275,11 +275,17 @@ def said_of(rng: Random, axis: str, make: Make) -> str:
 
 def words_of(statistics: Mapping[str, Statistic], found: PolicyVerdict) -> str:
     """Return what a verdict says of an evidence, likewise."""
-    if is_read_otherwise(statistics):
+    if is_read_otherwise(statistics) or _is_noise(statistics):
         return ""
     axes = {name: (axis.as_dict(), axis.may_be) for name, axis in found.axes.items()}
     words = json.dumps([axes, found.guards, found.remarks, found.headline, found.misfit], sort_keys=True)
     return as_recorded(label_then(words))
+
+
+def _is_noise(statistics: Mapping[str, Statistic]) -> bool:
+    """Return whether noise hides that answers hardly vary: they were constant besides, and now are not."""
+    variation, noise = (statistics.get(name, Statistic(None, 0)).value for name in ("variation", "noise"))
+    return variation is not None and noise is not None and variation < 0.02 and noise > 0.5
 
 
 def label_then(words: str) -> str:

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from arms import Images
+from faulty_arms import GoesOn
 from faulty_arms import sound as network
 
 
@@ -192,6 +193,12 @@ def prints(images: Images, state: np.ndarray, instruction: str | None) -> np.nda
     return network(images, state, instruction)
 
 
+def fails_in_lines(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Raise with a text of several lines, as libraries do that draw a frame around theirs."""
+    del images, instruction
+    raise RuntimeError(f"CUDA error:\n\n  device-side assert\r\n\tin {type(state).__name__}\n")
+
+
 def leaves(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
     """End the program."""
     del images, state, instruction
@@ -219,6 +226,8 @@ batch_axis_in_a_dict = _said(lambda one: {"action": one[None]})
 parts = _said(lambda one: {"action.arm": one[:, :2], "action.gripper": one[:, 2:]})
 many_parts = _said(lambda one: {f"action.joint_position_{number}": one[:, :1] for number in range(60)})
 two_arrays = _said(lambda one: {"actions": one, "values": one})
+actions_and_attention = _said(lambda one: {"actions": one, "attn": one})
+action_and_list = _said(lambda one: {"action": one, "info": [1, 2]})
 parts_and_info = _said(lambda one: [{"action.arm": one[None, :, :2], "action.gripper": one[None, :, 2:]}, {}])
 answer_and_info = _said(lambda one: (one, {"latency": 3}))
 named_pair = _said(lambda one: _Pair(one, {}))
@@ -316,23 +325,7 @@ class _Queue:
         self.steps = []
 
 
-class _TwoObservations:
-    """Goes on as far as between the last two states."""
-
-    def __init__(self) -> None:
-        self.before: np.ndarray | None = None
-
-    def __call__(self, images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
-        del images, instruction
-        change = state - (state if self.before is None else self.before)
-        self.before = state
-        return np.tile(change, (8, 1))
-
-    def reset(self) -> None:
-        self.before = None
-
-
-queue_with_reset, two_observations = _Queue(), _TwoObservations()
+queue_with_reset, two_observations = _Queue(), GoesOn()
 
 
 def with_history(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
@@ -354,5 +347,13 @@ one_array_of_a_batch = lambda *given: {"actions": _each(*given)}  # noqa: E731
 one_array_of_a_batch.batch = 4  # type: ignore[attr-defined]
 first_of_a_batch = lambda *given: _each(*given)[:1]  # noqa: E731
 first_of_a_batch.batch = 4  # type: ignore[attr-defined]
+
+
+def one_query(images: Images, state: np.ndarray, instruction: str | None) -> np.ndarray:
+    """Declare batch, and be written for one query."""
+    return network({**images, "top": images["top"]}, state, instruction)
+
+
+one_query.batch = 4  # type: ignore[attr-defined]
 reversed_batch = lambda *given: _each(*given)[::-1]  # noqa: E731
 reversed_batch.batch = 4  # type: ignore[attr-defined]

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from random import Random
 
+from evidences import as_recorded
 from eyechart.costs import Account
 from eyechart.episodes import Episode, EpisodeKey, Step
 from eyechart.spaces.discrete import DRIVING
@@ -92,7 +93,7 @@ def of_drives(rng: Random) -> str:
     ]
     index = findings(score).items()
     said += [f"{who} {one.label} {one.tone} {one.decided_by} {_shown(one.estimate)}" for who, one in index]
-    return "\n".join(said)
+    return as_recorded("\n".join(said))
 
 
 def of_planners(rng: Random) -> str:

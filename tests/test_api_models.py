@@ -101,6 +101,10 @@ def test_names_may_be_given_and_must_differ(bank: FrameBank, tmp_path: Path) -> 
         run_battery(bank, [3], tmp_path / "none")  # type: ignore[list-item]
     with pytest.raises(SpecError, match=r"must take \(prompt, image\) or \(prompt, images, state\)"):
         run_battery(bank, {"short": lambda prompt: prompt}, tmp_path / "none")
+    own = f"python:{__name__}:decide"
+    for both in ([decide, own], [own, decide], [decide, RequestMode(own)], [RequestMode(own), decide]):
+        with pytest.raises(SpecError, match=f"models hold '{own}' as a callable and by its SPEC: keep one of them"):
+            run_battery(bank, both, tmp_path / "twice")
     assert not (tmp_path / "twice").exists()
     assert not (tmp_path / "none").exists()
 

@@ -126,6 +126,14 @@ def test_a_callable_is_known_by_what_it_holds(bank: FrameBank, tmp_path: Path) -
     assert (tmp_path / "run" / LEDGER).read_bytes() == ledger
 
 
+def test_a_callable_beside_its_own_spec_is_refused_in_either_order(bank: FrameBank, tmp_path: Path) -> None:
+    """It would be asked once, and one of the two would be left out in silence."""
+    for both in ([reach, "python:arms:reach"], ["python:arms:reach", reach]):
+        with pytest.raises(SpecError, match="policies hold 'python:arms:reach' as a callable and by its SPEC: keep"):
+            run_policies(bank, both, tmp_path / "twice")
+    assert not (tmp_path / "twice").exists()
+
+
 def test_the_doctor_takes_a_callable(bank: FrameBank) -> None:
     """In words, a line a check; one with a queue is found."""
     fine, amiss = examine_policy(bank, reach), examine_policy(bank.root, {"queued": queue})

@@ -1,8 +1,6 @@
-"""What is not made before it is used: regular expressions, ``asyncio``, and the threads of arithmetic."""
+"""What is not loaded before it is used: what only calls and pages need, and the threads of arithmetic."""
 
-import copy
 import os
-import re
 import subprocess
 import sys
 
@@ -10,32 +8,11 @@ import pytest
 
 from eyechart import cli
 from eyechart.cli.app import app
-from eyechart.regexes import pattern
 
 
-def test_a_pattern_does_what_one_of_re_does() -> None:
-    """Used once or again."""
-    late, early = pattern(r"(a+)b", re.IGNORECASE), re.compile(r"(a+)b", re.IGNORECASE)
-    text = "xAAb aB b"
-    for _ in range(2):
-        assert [one.span(1) for one in late.finditer(text)] == [one.span(1) for one in early.finditer(text)]
-        assert late.sub("-", text) == early.sub("-", text)
-        assert late.findall(text) == early.findall(text)
-    assert late.fullmatch("nothing") is None
-    assert copy.deepcopy(late).findall(text) == early.findall(text)
-    assert (late.pattern, late.flags) == (early.pattern, early.flags)
-
-
-def test_a_pattern_is_compiled_when_it_is_used() -> None:
-    """One that is wrong is found then."""
-    late = pattern("(")
-    with pytest.raises(re.error, match="unterminated"):
-        late.search("text")
-
-
-def test_what_reads_a_run_has_no_event_loop() -> None:
-    """Nor does it hold anything, or see whether a model sees."""
-    never = "asyncio filelock eyechart.probe rich.console matplotlib jinja2 highway_env"
+def test_what_reads_a_run_loads_nothing_that_calls_or_draws() -> None:
+    """It holds no lock, does not see whether a model sees, and opens no world."""
+    never = "filelock eyechart.probe rich.console matplotlib jinja2 highway_env"
     code = f"""
 import sys
 import eyechart.cli.score, eyechart.studies.battery.study, eyechart.studies.hierarchy.study

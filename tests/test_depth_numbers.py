@@ -49,6 +49,8 @@ CASES: tuple[tuple[str, Statistic, str], ...] = (
     ("rise", Rise(6.0, 400, p=0.05), "fails"),
     ("file", SignTest(0.9, 20, (0.6, 1.0), 0.001, wins=18, losses=2, ties=124), "holds"),
     ("file", SignTest(1.0, 20, (0.8, 1.0), 0.001 - JUST, wins=20, losses=0, ties=124), "fails"),
+    ("picture_before", Statistic(-0.1, 300, (-0.2, -JUST)), "holds"),
+    ("picture_before", Statistic(-0.1, 300, (-0.2, 0.0)), "not shown"),
     ("drawn_distances", Density(8.0, 110, fewest=3), "holds"),
     ("drawn_distances", Density(8.0 - JUST, 110, fewest=3), "not shown"),
     ("drawn_distances", Density(9.0, 110, fewest=2), "not shown"),
@@ -92,16 +94,19 @@ def verdict(**changed: Statistic) -> Verdict:
     return judge_one(hand.evidence({**hand.reader(), **by_hand(**changed)}))
 
 
+_HOLE = "its braking answers to the lead on less than 0.1 of the frames in `blocked`: 0 of 36; elsewhere"
+
+
 def test_a_verdict_says_its_answer_then_why() -> None:
     """In one sentence; its places without an answer stand in it, and first among what was measured."""
     assert first_line(verdict()).startswith(
-        "Yes: it brakes harder where the lead is nearer, at most 6 of 100 comparisons"
+        "Yes: it brakes harder where the lead is nearer, with at most 6 of 100 comparisons"
     )
     one = verdict(holes=Places(1.0, 7, places=(HOLE,)))
-    assert first_line(one).startswith("In part: brakes by distance, not in `blocked`: 0 of 36; elsewhere")
+    assert first_line(one).startswith(f"In part: {_HOLE}")
     assert next(iter(one.measures.items())) == ("does not answer", "in `blocked`: 0 of 36")
     assert ">In part <" in one._repr_html_()
-    assert "Brakes by distance, not in `blocked`: 0 of 36; elsewhere" in one._repr_html_()
+    assert f"I{_HOLE[1:]}" in one._repr_html_()
 
 
 def first_line(one: Verdict) -> str:
@@ -112,10 +117,10 @@ def first_line(one: Verdict) -> str:
 def test_places_of_one_count_are_named_together() -> None:
     """They are often the same frames; others have their own counts."""
     lanes, far = replace(HOLE, of="lanes", name="5"), replace(HOLE, of="range", name="24 to 48 m", frames=90)
-    assert named((HOLE, lanes, far)) == "in `blocked`, where lanes is 5: 0 of 36 each, nor from 24 to 48 m: 0 of 90"
+    assert named((HOLE, lanes, far)) == "in `blocked`, where lanes is 5: 0 of 36 each, and from 24 to 48 m: 0 of 90"
 
 
 def test_a_failing_number_is_said_with_what_refutes_it() -> None:
     """Who brakes for a vehicle beside."""
     said = verdict(specificity=Statistic(0.2, 144, (0.1, 0.3))).measures["specificity"]
-    assert said == "0.200 [0.100, 0.300], n = 144: ✗ fails (refuted: upper end ≥ 0 and value > -0.02)"
+    assert said == "0.200 [0.100, 0.300] (95 %), n = 144: ✗ fails (refuted: upper end ≥ 0 and value > -0.02)"

@@ -46,8 +46,8 @@ def test_a_reader_is_told_its_bound() -> None:
     """The sentence has the upper end, rounded away from the claim."""
     ruling = ruled(order=_order(0.02, 0.0, 0.0801))
     assert ruling.label == "depth"
-    expected = "it brakes harder where the lead is nearer, at most 9 of 100 comparisons the wrong way round"
-    assert str(ruling.reason) == expected
+    expected = "it brakes harder where the lead is nearer, with at most 9 of 100 comparisons the wrong way round"
+    assert str(ruling.reason) == f"{expected} (bound of 95 %)"
     assert "at most 8 of" in str(ruled(order=_order(0.02, 0.0, 0.08)).reason)
 
 
@@ -127,6 +127,13 @@ CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
         {"unparsed_controls": Statistic(0.1, 144, (0.05 + OVER, 0.2))},
         *OPEN,
     ),
+    "the picture before does less than half": (
+        {"picture_before": Statistic(-0.1, 300, (-0.2, BELOW))},
+        "depth",
+        "order",
+    ),
+    "the picture before may do half": ({"picture_before": Statistic(-0.1, 300, (-0.2, 0.0))}, *OPEN),
+    "the order of the calls is not known": ({"picture_before": Statistic(None, 0)}, "depth", "order"),
     "as dense as it takes": ({"drawn_distances": Density(8.0, 110, fewest=3)}, "depth", "order"),
     "less dense": (
         {"drawn_distances": Density(8.0 + BELOW, 110, fewest=3)},
@@ -210,7 +217,8 @@ def test_a_hole_is_said_first_with_its_counts() -> None:
     """And what holds elsewhere after it."""
     reason = str(ruled(holes=Places(1.0, 7, places=(HOLE,))).reason)
     assert reason == (
-        "brakes by distance, not in `blocked`: 0 of 36; elsewhere at most 6 of 100 comparisons the wrong way round"
+        "its braking answers to the lead on less than 0.1 of the frames in `blocked`: 0 of 36; elsewhere it brakes "
+        "harder where the lead is nearer, with at most 6 of 100 comparisons the wrong way round (bound of 95 %)"
     )
 
 
@@ -269,7 +277,9 @@ def test_a_scenario_without_braking_is_named_and_the_rest_holds() -> None:
     moved = replace(moved, levels={name: np.where(blind, 0.0, level) for name, level in moved.levels.items()})
     ruling = DISTANCE.evaluate(found_of(moved))
     assert ruling.label == "partial_depth"
-    assert str(ruling.reason).startswith("brakes by distance, not in `blocked`: 0 of 36;")
+    assert str(ruling.reason).startswith(
+        "its braking answers to the lead on less than 0.1 of the frames in `blocked`: 0 of 36;"
+    )
 
 
 def test_the_far_end_of_the_range_without_braking_is_named() -> None:
@@ -281,7 +291,7 @@ def test_the_far_end_of_the_range_without_braking_is_named() -> None:
 
     ruling = DISTANCE.evaluate(found_of(answered(near_alone)))
     assert ruling.label == "partial_depth"
-    assert "not from 23." in str(ruling.reason)
+    assert "of the frames from 23." in str(ruling.reason)
 
 
 @pytest.mark.parametrize("free", [15.0, 20.0])
@@ -351,8 +361,8 @@ OPEN_KIND = {"order_near_far": _order(0.05, 0.0, 0.3)}
         ({}, "depth", 0, "at most 6 of 100"),
         ({}, "looks", 0, "depth"),
         ({}, "content", 1, "depth"),
-        (A_HOLE, "depth", 1, "not in `blocked`: 0 of 36"),
-        (A_HOLE, "looks", 0, "not in `blocked`: 0 of 36"),
+        (A_HOLE, "depth", 1, "of the frames in `blocked`: 0 of 36"),
+        (A_HOLE, "looks", 0, "of the frames in `blocked`: 0 of 36"),
         (A_HOLE, "partial_depth", 0, "blocked"),
         (
             OPEN_KIND,
@@ -412,7 +422,9 @@ def test_a_verdict_says_its_answer_and_its_holes() -> None:
         ("scenario", "blocked", 0, 36)
     ]
     assert whole.as_dict()["holes"] == []
-    assert "Part of what was tested stays open." in weak.trust
+    assert "What is named as not excluded stays open." in weak.trust
+    assert "stays open" not in part.trust
+    assert Run(**A_HOLE, **OPEN_KIND).verdict.trust.endswith("What is named as not excluded stays open.")
     assert part.why_not is not None
     assert part.why_not.label == "depth"
 

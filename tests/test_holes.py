@@ -62,7 +62,9 @@ def test_a_place_without_braking_is_named_in_the_first_sentence(runs: dict[str, 
     for name, (where, of, called) in holes.BLIND.items():
         one = models[SPECS[name]]
         assert (one["answer"], one["calibrated"]) == ("In part", "partial_depth"), name
-        assert one["because"].startswith("brakes by distance, not "), one["because"]
+        assert one["because"].startswith("its braking answers to the lead on less than 0.1 of the frames "), one[
+            "because"
+        ]
         assert where in one["because"].partition(";")[0], one["because"]
         found = {place["of"]: place for place in one["holes"]}[of]
         assert called in found["name"], found
@@ -80,7 +82,7 @@ def test_a_gate_fails_by_the_name_of_the_place(runs: dict[str, Path], say: Say) 
         assert where in depth["because"], depth["because"]
         assert where in looks["because"], looks["because"]
     assert say("gate", runs["blind"], "--require", "looks")[0] == 0
-    with pytest.raises(AssertionError, match=r"depth: fails: partial_depth: brakes by\s+distance, not"):
+    with pytest.raises(AssertionError, match=r"depth: fails: partial_depth: its braking\s+answers\s+to"):
         assert_grounded(runs["blind"], "depth", "looks")
 
 
@@ -93,7 +95,9 @@ def test_a_page_says_the_answer_first_and_draws_braking_along_the_distance(
         assert say("report", folder, "--out", tmp_path / f"{run}.html", "--tables", tmp_path / run)[0] == 0
         pages[run] = (tmp_path / f"{run}.html").read_text(encoding="utf-8")
     head = pages["plain"].partition('id="verdicts"')[0]
-    assert '<p class="sentence">Yes: it brakes harder where the lead is nearer, at most 3 of 100 comparisons' in head
+    assert (
+        '<p class="sentence">Yes: it brakes harder where the lead is nearer, with at most 3 of 100 comparisons' in head
+    )
     assert '<title id="in-short-title">Braking by distance, python:holes:plain</title>' in head
     drawn = head.partition('<desc id="in-short-desc">')[2].partition("</desc>")[0]
     lead, beside = (drawn.partition(f"{what}: ")[2].partition(". ")[0] for what in ("drawn anew", "kept far"))

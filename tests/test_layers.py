@@ -32,7 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("spaces",),
     ("stats", "cameras", "event_loops", "formats", "clusters", "kept"),
     ("errors", "seeds", "records", "keys"),
-    ("regexes", "processes", "scratch"),
+    ("processes", "scratch"),
 )
 """Top to bottom. A name is a module or a package of ``eyechart``, or the other distribution's package as a whole.
 

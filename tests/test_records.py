@@ -1,15 +1,16 @@
 """Records become plain values, as JSON and TOML have them."""
 
+import ast
 import importlib
 import json
-import pkgutil
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 
-import eyechart.studies
-from eyechart.records import JsonRecord, KeyedRecord, plain
+import eyechart
+from eyechart.records import JsonRecord, plain, to_json_fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +49,16 @@ def test_numbers_of_numpy_become_numbers_of_python() -> None:
     assert json.dumps(values) == '{"n": 3, "rates": [0.5, 1.5], "is": true}'
 
 
-@dataclass(frozen=True, slots=True)
-class Named(KeyedRecord):
-    """A record that says what of it is written, and how that is called."""
-
-    written = "first=inner.pair *inner other.share twice"
+@dataclass(frozen=True)
+class Named:
+    """A record whose keys are not its fields."""
 
     inner: Inner
     other: Inner | None = None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(self, "inner twice", first=self.inner.pair)
 
     @property
     def twice(self) -> int:
@@ -63,28 +66,39 @@ class Named(KeyedRecord):
         return 2 * sum(self.inner.pair)
 
 
-def test_a_record_is_written_as_it_says() -> None:
-    """By keys and paths in their order, all keys of a part among them, and what is not there as null."""
-    written = Named(Inner((1, 2))).as_dict()
-    assert json.dumps(written) == '{"first": [1, 2], "pair": [1, 2], "share": null, "twice": 6}'
-    assert Named(Inner((1, 2)), Inner((3, 4), 0.5)).as_dict()["share"] == 0.5
+def test_a_record_is_written_by_its_names_and_by_further_keys() -> None:
+    """Properties among them, and the values of the keys as those of the names."""
+    written = json.dumps(Named(Inner((1, 2))).as_dict())
+    assert written == '{"inner": {"pair": [1, 2], "share": null}, "twice": 6, "first": [1, 2]}'
 
 
-def kinds(of: type) -> Iterator[type]:
-    """Yield every class that derives from another, of eyechart's own."""
-    for kind in of.__subclasses__():
-        yield from kinds(kind)
-        if kind.__module__.startswith("eyechart."):
-            yield kind
+def names_of(method: ast.FunctionDef) -> Iterator[str]:
+    """Yield the names that a method writes of its own record, also by way of a variable."""
+    local = {ast.unparse(one.targets[0]): one.value for one in ast.walk(method) if isinstance(one, ast.Assign)}
+    for call in ast.walk(method):
+        if (
+            isinstance(call, ast.Call)
+            and ast.unparse(call.func) == "to_json_fields"
+            and ast.unparse(call.args[0]) == "self"
+        ):
+            parts = list(ast.walk(call.args[1]))
+            parts += [deep for one in parts if ast.unparse(one) in local for deep in ast.walk(local[ast.unparse(one)])]
+            words = [part.value for part in parts if isinstance(part, ast.Constant) and isinstance(part.value, str)]
+            yield from (name for word in words for name in word.split())
 
 
-def test_what_records_say_is_written_of_them_is_there() -> None:
-    """The first word of every path is a member of its record."""
-    for found in pkgutil.walk_packages(eyechart.studies.__path__, "eyechart.studies."):
-        importlib.import_module(found.name)
-    found = {kind.__name__: kind for kind in kinds(KeyedRecord)}
-    assert {"BatteryScore", "Degeneracy", "StructuredScore"} <= found.keys()
-    for kind in found.values():
-        members = {*dir(kind), *(field.name for field in fields(kind))}
-        for word in kind.written.split():
-            assert word.rpartition("=")[2].removeprefix("*").partition(".")[0] in members, (kind, word)
+def test_names_that_a_record_is_written_by_are_there() -> None:
+    """Every name in every package; mypy does not read them."""
+    found: dict[str, list[str]] = {}
+    for path in Path(eyechart.__path__[0]).rglob("*.py"):
+        classes = [node for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.ClassDef)]
+        for node in classes:
+            names = [name for one in node.body if isinstance(one, ast.FunctionDef) for name in names_of(one)]
+            if names:
+                module = ".".join(("eyechart", *path.relative_to(eyechart.__path__[0]).with_suffix("").parts))
+                kind = getattr(importlib.import_module(module.removesuffix(".__init__")), node.name)
+                members = {*dir(kind), *(field.name for field in fields(kind))}
+                assert members >= {*names}, (kind, {*names} - members)
+                found[node.name] = names
+    assert {"BatteryScore", "Degeneracy", "StructuredScore", "Verdict", "Look", "Statistic"} <= found.keys()
+    assert len(found) > 25

@@ -96,15 +96,11 @@ SAID = {"distance": of_distance, "lateral": of_turns, "paper": of_paper, "early"
 
 @pytest.mark.parametrize("axis", SAID)
 def test_rows_say_what_the_rules_said_before(axis: str) -> None:
-    """Label, deciding statistic and sentence of 3,000 random evidences an axis."""
+    """Label, deciding statistic and sentence of 3,000 random evidences an axis; of 60,000 by `make long-rulings`.
+
+    What differs in one of a thousand evidences is missed here with probability .05, and there never.
+    """
     assert list(digests(SAID[axis], RECORDED[axis], 3)) == OLD[axis][:3]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("axis", SAID)
-def test_rows_say_what_the_rules_said_before_of_many(axis: str) -> None:
-    """The same of 12,000; of 60,000 by `make long-rulings`."""
-    assert list(digests(SAID[axis], RECORDED[axis], 12)) == OLD[axis][:12]
 
 
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)

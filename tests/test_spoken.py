@@ -209,6 +209,10 @@ def test_text_swapped_is_there_only_where_the_prompt_says_something(bank: FrameB
         ("user = 'x'\naction_space = 3", "action_space must be a table"),
         ("user = 'x'\n[action_space]\nname = 'y'", "no actions"),
         ("user = ", "is no TOML file"),
+        (
+            "user = 'x'\n[answer]\nfields = [{name = 'v', kind = 'number', values = ['< 5', '< 3']}]",
+            "answer field 'v': the range '< 3' never holds",
+        ),
     ],
 )
 def test_a_prompt_that_must_not_be_asked_is_one_line(

@@ -296,7 +296,7 @@ def test_whoever_turns_to_the_blocked_side_is_told_so_on_the_card() -> None:
 
     verdict = verdict_on(wrong)
     assert (verdict.calibrated.label, verdict.lateral.label) == ("depth", "swaps")
-    assert verdict.trust.endswith("Beware: its turns go to the blocked side.")
+    assert re.search(r"Beware: (\d+) of its \1 turns with one clear side go to the blocked side\.$", verdict.trust)
     assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth_lateral", "turns_against")
     assert any(note.startswith("it turns to the blocked side") for note in verdict.notes)
     assert "follow the side" not in verdict.text()

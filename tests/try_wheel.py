@@ -124,10 +124,9 @@ def try_in(python: str, dist: Path) -> str:
     install(own, dist, "eyechart")
     command, empty = own.with_name("eyechart"), place / "empty"
     empty.mkdir()
-    with ThreadPoolExecutor() as pool:  # each takes half a minute of one core
-        demo, look = pool.map(lambda words: run(command, *words, cwd=empty), (("demo",), ("look", "scripted:depth")))
-    expect("16 of 16 verdicts are as the controllers declared.", demo)
-    expect("Yes. It may be tried", look)
+    expect("16 of 16 verdicts are as the controllers declared.", run(command, "demo", cwd=empty))
+    # On the demo's bank, which is half of what a look would stage anew: the README's test stages that.
+    expect("Yes. It may be tried", run(command, "look", "scripted:depth", "--frames", "demo/bank-0", cwd=empty))
     for words, extras in (
         (("demo", "--vlm", "--out", "vlm"), "organisms,transformers"),
         (("demo", "--policy", "--out", "policy"), "organisms"),

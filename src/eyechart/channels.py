@@ -6,6 +6,7 @@ frame's own episode.
 """
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -17,7 +18,6 @@ import numpy.typing as npt
 from eyechart.errors import BankError, SpecError, counted
 from eyechart.frames import Frame, FrameBank, Source, Stimulus
 from eyechart.records import build, parse_json
-from eyechart.regexes import pattern
 from eyechart.seeds import key_seed
 from eyechart.spaces.motion import MotionSpace, reflect
 from eyechart.spaces.rotations import Rotation, about_their_mean
@@ -44,7 +44,7 @@ TOLD = "told_"
 """Prefix of the name of a moved object if the instruction is exchanged too."""
 MOVES = tuple(f"{which}_{side}" for which in OBJECTS for side in ("plus", "minus"))
 
-_SIGNS = pattern(r"[!\"(),:;?\[\]{}`“”…«»。，！？]|[.\-–—](?!\s*\d)")
+_SIGNS = re.compile(r"[!\"(),:;?\[\]{}`“”…«»。，！？]|[.\-–—](?!\s*\d)")
 """Punctuation of a text, without the punctuation of numbers and without arrows."""
 _APOSTROPHES = str.maketrans("", "", "'’‘")
 

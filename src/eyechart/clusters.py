@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from eyechart.errors import EyechartError, SpecError, raising, suggestion
+from eyechart.errors import EyechartError, SpecError, printable, raising, suggestion
 from eyechart.processes import open_pool
 
 ENGINES = ("local", "ray")
@@ -122,7 +122,7 @@ def _on_nodes(work: Callable[[Any], T], tasks: Iterable[object], workers: int) -
         try:
             return "ok", work(task)
         except Exception as error:  # noqa: BLE001 - the caller needs every error as words
-            return "failed", f"{type(error).__name__}: {error}"
+            return "failed", printable(f"{type(error).__name__}: {error}")
 
     remote = ray.remote(num_cpus=1, max_retries=5, scheduling_strategy="SPREAD")(attempted)
     under_way: deque[Any] = deque()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from eyechart.errors import SpecError
 from eyechart.frames import same_moments
 from eyechart.integrity import unfinished
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.report.table import MARK, STATISTIC, Cell, Column, Table, columns, statistic_cells
 from eyechart.stats.resamples import holm
 from eyechart.stats.statistic import Statistic
@@ -23,19 +23,21 @@ ALPHA = 0.05
 
 
 @dataclass(frozen=True)
-class Replication(KeyedRecord):
+class Replication:
     """One model in two runs: its labels, the differences of statistics, and their Holm-corrected p.
 
     ``labels`` maps ``verdict``, ``lateral`` and ``paper`` to the first and the second run's label.
     """
-
-    written = "replicated versions labels differences holm changed"
 
     model: str
     versions: tuple[str, str]
     labels: Mapping[str, tuple[str, str]]
     differences: Mapping[str, Statistic]
     holm: Mapping[str, float | None]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(self, "replicated versions labels differences holm changed")
 
     @property
     def changed(self) -> tuple[str, ...]:
@@ -55,17 +57,19 @@ class Replication(KeyedRecord):
 
 
 @dataclass(frozen=True)
-class Comparison(KeyedRecord):
+class Comparison:
     """Every model that is in both runs; ``apart`` says how the runs differ or are unfinished.
 
     ``marks`` are the failed guards of either run: its numbers are not reliable.
     """
 
-    written = "replicated apart failed_guards=marks models"
-
     models: Mapping[str, Replication]
     apart: tuple[str, ...]
     marks: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(self, "replicated apart models", failed_guards=self.marks)
 
     @property
     def replicated(self) -> bool:

@@ -9,8 +9,6 @@ from functools import lru_cache
 from itertools import pairwise
 from math import gcd
 
-from eyechart.regexes import pattern
-
 SHORTEST = 8
 """The least length of a key: a shorter value may occur in any text by chance ("EMPTY", "x")."""
 
@@ -19,19 +17,19 @@ _ANYWHERE = (
     r"|bearer|(?:^|[-_])(?:key|pwd|auth|sig|signature|session|csrf)$|^(?:x[-_]|user[-_]?)?pass$"
     r"|(?:access|auth|api|bearer|id|refresh|session|user|private|security).?token$|^(?:x[-_])?token$"
 )
-_FIELD = pattern(_ANYWHERE, re.IGNORECASE)
+_FIELD = re.compile(_ANYWHERE, re.IGNORECASE)
 """Names of fields that hold a key; the word "token" alone is none: models count tokens too."""
-_HEADER = pattern(rf"auth|token|signature|{_ANYWHERE}", re.IGNORECASE)
+_HEADER = re.compile(rf"auth|token|signature|{_ANYWHERE}", re.IGNORECASE)
 """Names of headers that hold a key; there "token" counts."""
-_SCHEME = pattern(r"bearer|basic|token|key|api-?key|digest|negotiate|[\w-]{1,24}=", re.IGNORECASE)
+_SCHEME = re.compile(r"bearer|basic|token|key|api-?key|digest|negotiate|[\w-]{1,24}=", re.IGNORECASE)
 """Words that may stand next to a variable in a header that holds a key."""
-_NAMED_BY_A_HASH = pattern(
+_NAMED_BY_A_HASH = re.compile(
     r"(?:^|[-_.])(?:id|uuid|guid|revision|rev|commit|sha\d*|digest|hash|checksum|md5|version|etag|fingerprint|traceparent"
     r"|snapshot|build|seed)s?$|[a-z]Id$",
     re.IGNORECASE,
 )
 """Names of fields that hold a hash or an id, and no key."""
-_LOOKS = pattern(
+_LOOKS = re.compile(
     r"(?i:\b(?:bearer|basic)\s+[\w.~+/=-]{8,}|\bbearer\s+(?=\S*\d)\S{6,}|\bdigest\s+\w+="
     r"|\b(?:token|api-?key|key)\s+(?=[\w.~+/=-]*\d)[\w.~+/=-]{12,}"
     r"|(?<![a-z0-9])(?:(?:sk|pk|rk|gsk|csk|cpk|hf|gh[pousr]|github_pat|glpat|xai|nvapi|pplx|xox[abeprs]|fw|npm|dop_v1|r8"
@@ -42,29 +40,29 @@ _LOOKS = pattern(
     r"|(?<![A-Za-z0-9])(?=[A-Za-z]*\d)(?=[a-z0-9]*[A-Z])(?=[A-Z0-9]*[a-z])[A-Za-z0-9]{24,}"
 )
 """The looks of a key in any text: a service's own prefix, or many random letters and digits."""
-_HEX = pattern(
+_HEX = re.compile(
     r"(?<![A-Za-z0-9])(?:[0-9a-f]{32,}|[0-9A-F]{32,}|[0-9a-fA-F]{8}-(?:[0-9a-fA-F]{4}-){3}[0-9a-fA-F]{12})"
     r"(?![A-Za-z0-9])"
 )
-_WORD = pattern(r"(?<![A-Za-z0-9])(?:[a-z0-9]{20,}|[A-Z0-9]{20,})(?![A-Za-z0-9])")
+_WORD = re.compile(r"(?<![A-Za-z0-9])(?:[a-z0-9]{20,}|[A-Z0-9]{20,})(?![A-Za-z0-9])")
 _CHANGES = 6
 """The least number of changes between letters and digits in a random text; names have fewer."""
-_BASE64 = pattern(r"(?<![\w+/=-])[A-Za-z0-9+/]{20,}={0,2}(?![\w+/=-])")
+_BASE64 = re.compile(r"(?<![\w+/=-])[A-Za-z0-9+/]{20,}={0,2}(?![\w+/=-])")
 _AWS = 40
 _NESTED = 3
 """The most nested encodings that are decoded."""
-_ESCAPE = pattern(
+_ESCAPE = re.compile(
     r"(?:%|\\+x|\\+u00|\\+U000000|=(?=[0-9A-F]{2}))(?=[0-9A-Fa-f]{2})(?P<hex>[0-9A-Fa-f]{2})"
     r"|\\+[ux]\{0*(?P<braced>[0-9A-Fa-f]{1,6})\}|\\+(?P<octal>[0-3][0-7]{2})"
     r"|(?P<entity>&(?:#\d{1,7}|#[xX][0-9A-Fa-f]{1,6}|[A-Za-z]{2,8});)|\\+(?P<plain>[^\w\\]|[nr])"
 )
 """An escaped character, after any number of backslashes."""
-_CODES = pattern(r"(?<!\d)\d{1,3}(?:[\s,;]+\d{1,3}){7,}(?!\d)")
+_CODES = re.compile(r"(?<!\d)\d{1,3}(?:[\s,;]+\d{1,3}){7,}(?!\d)")
 _BETWEEN = " \t\r\n:"
 """Characters that may separate the digits of one encoded value."""
-_HEX_RUN = pattern(r"(?<![0-9A-Fa-f])(?:[0-9A-Fa-f][ \t\r\n:]*+){16,}")
-_BASE64_RUN = pattern(r"(?<![A-Za-z0-9+/_-])(?:[A-Za-z0-9+/_-](?:[ \t]*[\r\n]+[ \t]*)?){11,}")
-_BASE32_RUN = pattern(r"(?<![A-Za-z2-7])(?:[A-Za-z2-7](?:[ \t]*[\r\n]+[ \t]*)?){13,}")
+_HEX_RUN = re.compile(r"(?<![0-9A-Fa-f])(?:[0-9A-Fa-f][ \t\r\n:]*+){16,}")
+_BASE64_RUN = re.compile(r"(?<![A-Za-z0-9+/_-])(?:[A-Za-z0-9+/_-](?:[ \t]*[\r\n]+[ \t]*)?){11,}")
+_BASE32_RUN = re.compile(r"(?<![A-Za-z2-7])(?:[A-Za-z2-7](?:[ \t]*[\r\n]+[ \t]*)?){13,}")
 """Whole runs of digits: a match that begins within a run is tried in vain."""
 _BREAKS = {ord("n"): "\n", ord("r"): "\r"}
 _ZERO = {4: "0", 6: "A", 5: "A"}

@@ -486,6 +486,11 @@ def without_secrets(text: str) -> str:
     return each_without_secrets({"": text})[""]
 
 
+def in_one_line(error: BaseException, most: int = 500) -> str:
+    """Return the type and the words of another program's exception: one line, without secrets."""
+    return " ".join(without_secrets(f"{type(error).__name__}: {error}").split())[:most]
+
+
 def each_without_secrets(texts: Mapping[str, str]) -> dict[str, str]:
     """Return texts by name without the values of environment variables that are keys by name.
 

@@ -489,6 +489,11 @@ def require_pictured(prompt: Prompt, seen: Stimulus) -> None:
 def require_sayable(prompt: Prompt, bank: FrameBank) -> None:
     """Raise SpecError if a prompt uses a forbidden column, or omits actions of the bank."""
     space = bank.manifest.action_space
+    if len(space.actions) == 1:
+        raise SpecError(
+            f"the [answer] of prompt '{prompt.name}' has one action, '{space.actions[0]}', so that every answer is the "
+            "same; write further values or ranges"
+        )
     require_columns(prompt, bank)
     _require_names(prompt, space.columns, bank)
     said = " ".join(prompt.render({**bank.frames[0].state, **bank.frames[0].fields}, space.choices)).upper()
@@ -516,11 +521,10 @@ def _require_names(prompt: Prompt, columns: Sequence[str], bank: FrameBank) -> N
     """Raise SpecError if a column for the allowed names is lacking, or names none for a frame."""
     for column in columns:
         if column not in bank.manifest.prompt_columns:
-            raise SpecError(
-                f"the answer of prompt '{prompt.name}' takes its names from '{column}', which is not a prompt column; "
-                f"this bank has: {', '.join(bank.manifest.prompt_columns) or 'none'}; import it with "
-                f"--prompt-columns {column}"
-            )
+            has = f"this bank has: {', '.join(bank.manifest.prompt_columns) or 'none'}"
+            is_ = "ground truth, which no answer may be taken from" if column in bank.frames[0].truth else ""
+            is_ = f"{is_}; {has}" if is_ else f"not a prompt column; {has}; import it with --prompt-columns {column}"
+            raise SpecError(f"the answer of prompt '{prompt.name}' takes its names from '{column}', which is {is_}")
         empty = next((frame.id for frame in bank.frames if not candidates_of(frame.fields[column])), None)
         if empty is not None:
             raise SpecError(f"frame '{empty}' names no answer in its column '{column}'; give it one, or leave it out")

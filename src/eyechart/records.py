@@ -5,8 +5,7 @@ import re
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache
-from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import Annotated, Any, Protocol, TypeVar, runtime_checkable
 
 import msgspec
 
@@ -74,31 +73,10 @@ class JsonRecord(Protocol):
         return {field.name: plain(getattr(self, field.name)) for field in fields(self)}  # type: ignore[arg-type]
 
 
-class KeyedRecord:
-    """A record that is written as ``written`` says: its keys, with blanks between.
-
-    A key is ``KEY=PATH``, or a path whose last name is the key. A path leads by dots through parts;
-    a part of None gives None. ``*PATH`` writes all keys of its part.
-    """
-
-    __slots__ = ()
-    written: ClassVar[str]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain JSON values."""
-        return to_json_fields(self, self.written)
-
-
-def to_json_fields(record: object, keys: str) -> dict[str, Any]:
-    """Return the parts of a record that ``keys`` name, as in `KeyedRecord`, as plain JSON values."""
-    result: dict[str, Any] = {}
-    for word in keys.split():
-        key, _, path = word.rpartition("=")
-        value = record
-        for name in path.removeprefix("*").split("."):
-            value = None if value is None else getattr(value, name)
-        result |= plain(value) if path.startswith("*") else {key or name: plain(value)}
-    return result
+def to_json_fields(record: object, names: str, /, **more: object) -> dict[str, Any]:
+    """Return the attributes of a record that ``names`` has, and ``more`` keys, as plain JSON values."""
+    values = {name: getattr(record, name) for name in names.split()} | more
+    return {name: plain(value) for name, value in values.items()}
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
@@ -107,21 +85,13 @@ def plain(value: object) -> Any:  # noqa: ANN401 - JSON of the same shape
         return value
     if isinstance(value, Mapping):
         return {key: plain(one) for key, one in value.items()}
-    kind: type = type(value)
-    if _says_itself(kind):
-        return value.as_dict()  # type: ignore[attr-defined]
     if isinstance(value, tuple | list):
         return [plain(one) for one in value]
-    if is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    numpy = sys.modules.get("numpy")  # without it there is no number of numpy
-    return value.item() if numpy is not None and isinstance(value, numpy.generic) else value
-
-
-@cache
-def _says_itself(kind: type) -> bool:
-    """Return whether a kind of record has its own `as_dict`; cached, because checks are slow."""
-    return issubclass(kind, JsonRecord)
+    if "numpy" in sys.modules and isinstance(value, sys.modules["numpy"].generic):
+        return value.item()
+    if isinstance(value, JsonRecord):
+        return value.as_dict()
+    return {one.name: plain(getattr(value, one.name)) for one in fields(value)} if is_dataclass(value) else value
 
 
 def shown(value: object) -> str:

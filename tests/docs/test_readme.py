@@ -39,7 +39,7 @@ def test_the_first_command_of_the_readme_says_yes_in_an_empty_folder(tmp_path: P
     screen = update_readme.output("look", tmp_path)
     assert update_readme.shown("look") == update_readme.head("look", screen)
     assert len(update_readme.shown("look").splitlines()) == 10
-    assert screen.startswith("Yes. It may be tried as a longitudinal hazard monitor")
+    assert screen.startswith("Yes. It may be tried, on frames like these, as a monitor of the lead")
     assert max(map(len, screen.splitlines())) <= 80
     assert (tmp_path / "looks/scripted-depth/report.html").stat().st_size > 100_000
     (gate,) = [words for words in _commands() if words[0] == "gate"]
@@ -48,7 +48,7 @@ def test_the_first_command_of_the_readme_says_yes_in_an_empty_folder(tmp_path: P
     (script,) = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
     assert len(script.splitlines()) == 6
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("Yes It may be tried as a longitudinal hazard monitor")
+    assert done.stdout.startswith("Yes It may be tried, on frames like these, as a monitor of the lead")
 
 
 def _commands() -> list[list[str]]:

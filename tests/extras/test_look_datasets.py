@@ -76,7 +76,7 @@ def test_a_model_is_asked_about_the_camera_of_a_data_set(tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     lerobot(tmp_path / "set")
     done = CliRunner().invoke(app, ["look", "scripted:constant", "--dataset", "set"])
-    assert done.stdout.startswith("No. Its decisions do not come from the camera"), done.output
+    assert done.stdout.startswith("No. The camera changes its decision on less than"), done.output
     assert len(open_bank(tmp_path / "looks/scripted-constant/bank")) == 80
 
 
@@ -98,7 +98,10 @@ def test_a_model_that_states_its_motions_in_words_is_looked_at_on_a_data_set(
     monkeypatch.chdir(tmp_path)
     rover_set(tmp_path / "set")
     (tmp_path / "drive.toml").write_text(STATED)
-    for looks, says in ((True, "Yes. What the picture shows decides"), (False, "No. The picture could be another")):
+    for looks, says in (
+        (True, "Yes. What the picture shows changes its motion"),
+        (False, "No. The picture could be another"),
+    ):
         with FaultServer([Driver(looks=looks)]) as server:
             asked = ["look", "openai:m", "--dataset", "set", "--prompt", "drive.toml", "--base-url", server.base_url]
             done = CliRunner().invoke(app, [*asked, "--out", str(looks)])

@@ -54,6 +54,21 @@ def test_only_a_digest_stands_where_a_digest_is_due(digest: str, monkeypatch: py
     assert digest not in repr(reply)
 
 
+@pytest.mark.parametrize("whole", [True, False], ids=["a Reply", "an exception"])
+def test_a_failure_is_told_in_one_line(*, whole: bool) -> None:
+    """Whatever its words look like: a screen and a page have a line for it."""
+
+    def fails(_prompt: str, _image: bytes | None) -> Reply:
+        words = "CUDA error:\n\n   illegal\r\n\taccess\n"
+        if whole:
+            return Reply(error="exception", error_detail=f"RuntimeError: {words}")
+        raise RuntimeError(words)
+
+    model = PythonCallable(fails, RequestMode("python:m:f"), "v", {})
+    reply = asyncio.run(ask(model, Query("", "go", Stimulus({}), 1)))
+    assert reply.error_detail == "RuntimeError: CUDA error: illegal access"
+
+
 KEY = 'hunter22/hunter22+"x"='
 RAW = KEY.encode()
 BASE64 = base64.b64encode(b"user:" + RAW + b"!").decode()

@@ -357,7 +357,7 @@ def test_an_id_of_the_hub_is_answered_with_what_downloads_it() -> None:
         ({lerobot.PYTHON: ""}, f"needs LeRobot, which this Python lacks.*{lerobot.PYTHON}=lerobot/bin/python"),
         (
             {lerobot.PYTHON: "/nowhere/python"},
-            "PYTHON='/nowhere/python' cannot be started: No such file",
+            "the Python '/nowhere/python' cannot be started: No such file or directory; name the Python that has",
         ),
         ({lerobot.PYTHON: "/bin/false"}, "the Python /bin/false does not answer: its process ended with exit code 1"),
         ({lerobot.DEVICE: "tpu"}, "EYECHART_LEROBOT_DEVICE must be cpu, mps, cuda, xpu"),
@@ -387,6 +387,50 @@ def test_an_option_names_the_python(
     done = CliRunner().invoke(app, [*command, spec, *words])
     assert isinstance(done.exception, SpecError)
     assert "'/nowhere/python' cannot be started" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("words.txt", None, "cannot be started: Permission denied"),
+        ("words", "hello", "cannot be started: Exec format error"),
+        ("says", "#!/bin/sh\nexec yes\n", "does not answer: its process answered with no message"),
+        ("sleeps", "#!/bin/sh\nexec sleep 60\n", "does not answer: it has not within 0.5 s"),
+    ],
+)
+def test_a_file_here_that_is_no_python_is_said(
+    name: str, text: str | None, words: str, bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also one that never answers; the variable names one that would do."""
+    monkeypatch.setenv(lerobot.PYTHON, sys.executable)
+    if name == "sleeps":
+        monkeypatch.setattr(lerobot, "_GREETING_S", 0.5)
+    spec = f"lerobot:{stand_in.checkpoint(tmp_path / 'act')}"
+    (tmp_path / name).write_text(text or "hello", encoding="utf-8")
+    (tmp_path / name).chmod(0o600 if text is None else 0o700)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["doctor", spec, "--frames", str(bank.root), "--lerobot-python", f"./{name}"])
+    assert isinstance(done.exception, SpecError)
+    assert words in str(done.exception)
+    assert "name the Python that has LeRobot with --lerobot-python" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    "command", [("doctor",), ("run", "policy", "--out", "run", "--policy"), ("look", "--out", "look")]
+)
+def test_the_option_is_refused_where_nothing_runs_by_it(
+    command: tuple[str, ...], bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A callable runs in this Python, whatever is named."""
+    monkeypatch.setenv(lerobot.PYTHON, sys.executable)
+    monkeypatch.chdir(tmp_path)
+    words = ["python:arms:reach", "--frames", str(bank.root), "--lerobot-python", "/nowhere/python"]
+    done = CliRunner().invoke(app, [*command, *words])
+    assert isinstance(done.exception, SpecError)
+    assert str(done.exception) == (
+        "--lerobot-python is for a lerobot: SPEC, and 'python:arms:reach' runs without it: leave the option out"
+    )
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_python_without_lerobot_is_said_with_what_installs_it(

@@ -227,6 +227,7 @@ def test_what_is_no_callable_is_refused_with_what_is_missing(module: str, name: 
     [
         ("1/0", "ZeroDivisionError: division by zero"),
         ("def broken(", "SyntaxError: "),
+        ("raise ValueError('no\\n\\n  camera')", "ValueError: no camera$"),
         ("import sys; sys.exit(0)", "SystemExit: 0"),
         ("import os; raise ValueError(os.environ['ROBOT_API_KEY'])", r"ValueError: \[\$ROBOT_API_KEY\]"),
     ],

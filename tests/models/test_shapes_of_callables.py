@@ -39,7 +39,7 @@ OPENING = {
     "python:shapes_of_callables:policy.select_action",
     "policy.select_action": f"{POSITION} (batch): too many positional arguments. {WRAP}",
     "one_batch": f"{POSITION} (batch): too many positional arguments. {WRAP}",
-    "keywords": f"{POSITION} (images, state, instruction): too many positional arguments. {WRAP}",
+    "keywords": f"{POSITION} (*, images, state, instruction): too many positional arguments. {WRAP}",
     "without_words": f"{POSITION} (images, state): too many positional arguments. {WRAP}",
     "controller": "cannot be called: it takes (prompt, image), as a controller does: ask it with "
     "'eyechart run battery' and --model",
@@ -55,6 +55,7 @@ OPENING = {
 ARRAY = "return the array (horizon, dimensions)"
 FIRST = "is no array; return the first alone, if it is the array (horizon, dimensions): [0]"
 PARTS = f"{ARRAY}, alone or as 'actions'; join its parts by np.concatenate(…, -1)"
+WHOLE = f"{ARRAY}, alone or as 'actions'; return x[\"actions\"] of it, if that is the array"
 NAMES = (
     "is no array of numbers. A policy that answers with names is a controller: let it take (prompt, image), and ask it "
     "with 'eyechart run battery' as --model python:MODULE:FUNCTION, with the names in the [answer] of --prompt FILE"
@@ -70,7 +71,12 @@ RAISED = {
     "bfloat16": "ValueError: a _Tensor is no array: Got unsupported ScalarType BFloat16; numpy has no such numbers: "
     "return .float()",
     "parts": "ValueError: a dict is no array of numbers; its keys are 'action.arm', 'action.gripper': " + PARTS,
-    "two_arrays": f"ValueError: a dict is no array of numbers; its keys are 'actions', 'values': {PARTS}",
+    "fails_in_lines": "RuntimeError: CUDA error: device-side assert in ndarray",
+    "one_query": "TypeError: 'list' object is not a mapping",
+    "two_arrays": f"ValueError: a dict is no array of numbers; its keys are 'actions', 'values': {WHOLE}",
+    "actions_and_attention": f"ValueError: a dict is no array of numbers; its keys are 'actions', 'attn': {WHOLE}",
+    "action_and_list": "ValueError: a dict is no array of numbers; its keys are 'action', 'info': "
+    + WHOLE.replace('actions"]', 'action"]'),
     "many_parts": "ValueError: a dict is no array of numbers; its keys are "
     + ", ".join(f"'action.joint_position_{number}'" for number in range(7))
     + f", 'action.joi…: {PARTS}",
@@ -191,6 +197,10 @@ INPUTS = (
     "(its inputs are the pictures top: (32, 32, 3) uint8, wrist: (32, 32, 3) uint8; a state of 3 numbers (state); "
     "an instruction)"
 )
+IN_LISTS = (
+    "its inputs come in lists of up to 4, as it declares batch: let it take lists and answer a list of arrays, or "
+    "take 'batch' away; each is"
+)
 FEW = ("--conditions", "real,real_repeat,swapped@cameras,blank")
 ENDED = "No more were made: the last 3 failed in the same way"
 
@@ -230,8 +240,8 @@ def test_all_shapes_are_handled_or_named_and_none_is_counted_twice() -> None:
     """Those that were tried first are among them, and so is all that shapes_of_callables.py holds."""
     tables = (HANDLED, OPENING, RAISED, NO_MOTION, CHECKS)
     shown = [name for one in tables for name in one]
-    assert [len(one) for one in tables] == [27, 13, 25, 14, 8]
-    assert len(set(shown)) == len(shown) == 87
+    assert [len(one) for one in tables] == [27, 13, 29, 14, 8]
+    assert len(set(shown)) == len(shown) == 91
     assert len(set(FIRST_TRIED)) == 28
     assert set(FIRST_TRIED) <= set(shown)
     here = {name for name, one in vars(shapes).items() if _is_of(one) and name[0] != "_"}
@@ -273,7 +283,8 @@ def test_what_cannot_be_called_is_refused_before_the_first_call(bank: FrameBank,
 @pytest.mark.parametrize("name", [*RAISED, *NO_MOTION])
 def test_the_doctor_names_what_came_and_the_way_on(bank: FrameBank, name: str) -> None:
     """After three calls, in one sentence, by its name and as an object."""
-    words = f"it fails: {RAISED[name]} {INPUTS}" if name in RAISED else NO_MOTION[name]
+    inputs = INPUTS.replace("its inputs are", IN_LISTS) if name == "one_query" else INPUTS
+    words = f"it fails: {RAISED[name]} {inputs}" if name in RAISED else NO_MOTION[name]
     says = f"3 of 3 calls hold no motion: {words}. {ENDED}"
     assert doctor(bank, name) == (1, {"motions": ("amiss", says)})
     assert [one.says for one in examine_policy(bank, attrgetter(name)(shapes)).findings] == [says]

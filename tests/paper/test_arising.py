@@ -67,7 +67,10 @@ def test_a_server_that_declines_grey_pictures_shows_a_refusal_effect(ask: Ask) -
     }
     assert (round(response.value, 2), response.p < 1e-4, decision.value, decision.p) == (0.46, True, 0.0, 1.0)
     assert (verdict.calibrated.label, verdict.paper.label) == ("refusal_effect", "refusal_effect")
-    assert verdict.trust == "It only refuses some non-pictures; its decisions do not come from the camera."
+    assert verdict.trust == (
+        "It refuses some non-pictures; what a picture shows changes its decision on less than 0.1 of the frames: "
+        "no authority."
+    )
     words = note(verdict, "refusal effect: the picture decides whether it answers, not what it answers: ")
     assert "V(real, blank) = 0.459, p = 6.4e-15 over outputs" in words
     assert "V(real, blank) = 0.000, p = 1.0000 over decisions" in words

@@ -2,16 +2,16 @@
 
 import re
 from pathlib import Path
+from unittest.mock import Mock
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import report_runs
 import stand_ins
 from eyechart.calls import Query, Reply
-from eyechart.report.charts import cell, luminance, plain
+from eyechart.report.charts import GridLabels, grid, luminance, plain
 from eyechart.report.page import write_figures
 from eyechart.studies.battery import BatterySelection
 from eyechart.studies.battery import figures as drawn
@@ -133,10 +133,9 @@ def test_a_name_in_a_figure_is_not_read_as_a_formula(bank: Path, tmp_path: Path)
 @pytest.mark.parametrize("share", np.linspace(0, 1, 21))
 def test_a_number_in_a_cell_can_be_read_on_its_colour(name: str, share: float) -> None:
     """Ink and face differ by a contrast of 4.5 at least, as WCAG asks of text, wherever on the scale a cell is."""
-    axes = Figure().add_subplot()
-    cell(axes, 0, 0, share, "0.50", getattr(drawn, name))
-    (face,), (text,) = axes.patches, axes.texts
-    dark, light = sorted((luminance(face.get_facecolor()), luminance(text.get_color())))
+    figure = grid((1, 1), (0, 0, 0, 0), [[(share, "0.50", getattr(drawn, name))]], GridLabels([""], [""]))
+    (faces, _), (text, *_) = figure.artists, figure.texts
+    dark, light = sorted((luminance(faces.get_facecolor()[0]), luminance(text.get_color())))
     assert (light + 0.05) / (dark + 0.05) >= 4.5
 
 
@@ -146,10 +145,11 @@ def test_reflections_as_the_paper_prints_them_are_grey(
     """Who is right to keep straight on in the reflection is not painted as one who cannot see."""
     painted: dict[bool, list[object]] = {}
     for as_paper in (True, False):
-        found: list[object] = painted.setdefault(as_paper, [])
-        monkeypatch.setattr(drawn, "cell", lambda *given, found=found: found.append(given[-1]))
+        drawing = Mock(wraps=grid)
+        monkeypatch.setattr(drawn, "grid", drawing)
         says = drawn.agreement(everyone[:1], as_paper=as_paper).description
         assert ("Grey columns" in says) is as_paper
+        painted[as_paper] = [colours for _, _, colours in drawing.call_args.args[2][0]]
     conditions = [name for name in everyone[0].run.conditions if name != "real"]
     place = conditions.index("mirrored")
     assert painted[True][place] is drawn._MOVED

@@ -197,6 +197,27 @@ def test_a_column_that_the_bank_lacks_is_refused_before_the_first_call(tmp_path:
         require_sayable(prompt, asked_of(bank, prompt))
 
 
+def test_ground_truth_gives_no_names_and_no_way_to_them_is_named(tmp_path: Path) -> None:
+    """Nobody may be told it, so an import that would say it is no advice."""
+    bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1)
+    column = next(iter(bank.frames[0].truth))
+    prompt = prompt_of(tmp_path, f'user = "go"\n[answer]\nfields = [{{name = "a", from_column = "{column}"}}]\n')
+    with pytest.raises(SpecError, match=f"'{column}', which is ground truth, which no answer may be taken") as refused:
+        require_sayable(prompt, asked_of(bank, prompt))
+    assert "--prompt-columns" not in str(refused.value)
+
+
+def test_one_range_alone_is_no_answer_of_a_battery(tmp_path: Path) -> None:
+    """It bounds a number of a policy; here every answer would be the same action."""
+    text = 'user = "go"\n[answer]\nfields = [{name = "v", kind = "number", values = ["0..30"]}]\n'
+    prompt = prompt_of(tmp_path, text)
+    bank = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=1)
+    with pytest.raises(
+        SpecError, match=r"has one action, 'v=0\.\.30', so that every answer is the same; write further"
+    ):
+        require_sayable(prompt, asked_of(bank, prompt))
+
+
 def test_a_name_of_a_column_is_read_in_words_and_as_an_object() -> None:
     """Without a key or a pattern the frame's names are read as named actions are."""
     space = AnswerSpace.of("view", [AnswerField("view", from_column="views")]).given({"views": "Left, Right, Ahead"})

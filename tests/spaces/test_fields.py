@@ -6,6 +6,7 @@ import time
 import pytest
 
 from eyechart.errors import SpecError
+from eyechart.spaces.declared import AnswerSpace, answer_from
 from eyechart.spaces.fields import AnswerField, FieldValues, candidates_of, read_answer_fields, read_fields
 from eyechart.spaces.linear_pattern import LinearPattern
 
@@ -159,6 +160,57 @@ def test_a_wrong_table_is_refused_by_its_fault(table: object, fault: str) -> Non
     with pytest.raises(SpecError, match=r"^prompt\.toml: ") as refused:
         read_answer_fields(table, "prompt.toml")
     assert fault in str(refused.value)
+
+
+def ranged(*values: str) -> dict[str, object]:
+    """Return an [answer] of one number with these ranges."""
+    return {"fields": [{"name": "v", "kind": "number", "values": list(values)}]}
+
+
+@pytest.mark.parametrize(
+    ("table", "fault"),
+    [
+        (ranged("< 5", "< 3"), "field 'v': the range '< 3' never holds: every number in it is in '< 5' before it"),
+        (ranged("< 5", "<5"), "the range '<5' never holds: every number in it is in '< 5' before it"),
+        (ranged("<= 5", "5..5"), "the range '5..5' never holds: every number in it is in '<= 5' before it"),
+        (ranged("0..5", "5..9", "1..8"), "'1..8' never holds: every number in it is in '0..5' and '5..9' before it"),
+        (ranged("< 5", ">= 5", "3..8"), "'3..8' never holds: every number in it is in '< 5' and '>= 5' before it"),
+        (ranged("> 1", ">= 2"), "'>= 2' never holds: every number in it is in '> 1' before it"),
+        (ranged("< 2", "> 1e31"), "'> 1e31' never holds: numbers beyond 1e+30 are not read"),
+        ({"fields": [{"name": "v", "values": ["left"]}]}, "field 'v' has one value, 'left', so that every answer is"),
+        (ranged("< 5", "< 5"), "values has '< 5' twice; leave one out"),
+        ({"fields": [{"name": "v", "values": ["left", "right", "left"]}]}, "values has 'left' twice; leave one out"),
+    ],
+)
+def test_what_no_reply_can_be_read_as_is_refused_by_its_name(table: object, fault: str) -> None:
+    """In a file; a run of before, whose prompt has it, is read all the same."""
+    with pytest.raises(SpecError, match=r"^prompt\.toml: ") as refused:
+        answer_from(table, "prompt.toml", "prompt")
+    assert fault in str(refused.value)
+    if "twice" not in fault:
+        assert AnswerSpace.from_dict(table).fields
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        ("<= 0", "< 5", ">= 5"),
+        ("0..5", "5..9"),
+        ("3..8", "0..9"),
+        ("< 5", "<= 5"),
+        ("> 5", ">= 5"),
+        ("5..5", "0..9"),
+        ("< 2", "5..8"),
+        ("0..30",),
+    ],
+)
+def test_ranges_of_which_each_holds_somewhere_are_taken(values: tuple[str, ...]) -> None:
+    """Overlaps are read by their order; a number between two ranges is no answer."""
+    (field,) = answer_from(ranged(*values), "prompt.toml", "prompt").fields
+    numbers = (-1.0, 0.0, 1.0, 3.0, 4.0, 5.0, 6.0, 8.0, 9.0, 40.0)
+    assert {field.range_of(one) for one in numbers} - {None} == set(values)
+    if values == ("< 2", "5..8"):
+        assert (read_fields("3", [field]).values, read_fields("3", [field]).why) == (None, "other_value")
 
 
 def test_a_field_is_written_as_it_was_declared() -> None:

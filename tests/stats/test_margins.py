@@ -2,12 +2,13 @@
 
 import subprocess
 import sys
+from itertools import count
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from eyechart.stats import agreement, margins
+from eyechart.stats import margins
 from eyechart.stats.agreement import binomial_tail, trials_needed
 from eyechart.stats.association import chi2_test
 
@@ -76,11 +77,20 @@ def test_chi_squared_is_that_of_scipy(*, correction: bool) -> None:
         assert found.detail["smallest_expected"] == known.expected_freq.min()
 
 
-def test_a_summed_tail_gives_the_trials_of_the_exact_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For designs on both sides of the number up to which it is summed."""
-    designs = [(rate, chance) for rate in (0.6, 0.65, 0.9, 1.0) for chance in (0.0, 0.2, 0.5)]
-    needed = trials_needed.__wrapped__
-    summed = [needed(*design, alpha=alpha) for design in designs for alpha in (0.05, 0.01)]
-    monkeypatch.setattr(agreement, "_SUMMED", 0)
-    assert summed == [needed(*design, alpha=alpha) for design in designs for alpha in (0.05, 0.01)]
-    assert agreement._summed_tail(17, 40, 0.3) == pytest.approx(binomial_tail(17, 40, 0.3), rel=1e-12)
+def _trials_by_whole_tails(true_rate: float, chance: float, alpha: float) -> int:
+    """Return the fewest trials of a power of .8, with each tail computed anew."""
+    critical = 0
+    for n in count(1):
+        while critical <= n and binomial_tail(critical, n, chance) > alpha:
+            critical += 1
+        if critical <= n and binomial_tail(critical, n, true_rate) >= 0.8:
+            return n
+    raise AssertionError
+
+
+def test_a_growing_tail_gives_the_trials_of_whole_ones() -> None:
+    """For designs of few trials and of thousands, with a chance of 0 and a rate of 1 among them."""
+    designs = [(rate, chance) for rate in (0.52, 0.55, 0.65, 0.9, 1.0) for chance in (0.0, 0.2, 0.5)]
+    for design in designs:
+        for alpha in (0.05, 0.01):
+            assert trials_needed(*design, alpha=alpha) == _trials_by_whole_tails(*design, alpha), design

@@ -54,7 +54,7 @@ def test_a_reader_of_distance_passes_every_control_and_says_so() -> None:
     assert (ruling.label, ruling.decided_by, evidence) == ("depth", "order", "controlled")
     assert found["depth_net"].value == found["sensitivity"].value == 1.0
     assert found["order"].value == 0.0
-    assert "of 100 comparisons the wrong way round" in ruling.because
+    assert "of 100 comparisons the wrong way round (bound of 95 %)" in ruling.because
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_rule_that_is_no_reading_of_distance_is_content(look: Look, decided_by
     ruling, evidence, found = ruled(road(look))
     assert found["depth_interventional"].p < 0.01
     assert (ruling.label, ruling.decided_by, evidence) == ("content", decided_by, "controlled")
-    assert "it brakes harder where the lead is nearer, but" in ruling.because
+    assert "it brakes harder for the near lead than for the far one, but" in ruling.because
 
 
 def older(look: Look, asked: tuple[str, ...] = (*simulated.OLDER, *simulated.ALWAYS)) -> tuple[Ruling, str]:
@@ -146,7 +146,7 @@ def test_without_pictures_along_the_range_braking_is_associated_at_most(asked: t
     """Whichever of the older controls was asked, it has no authority and says beyond which distance nothing was."""
     ruling, evidence = older(by_lead, asked)
     assert (ruling.label, evidence) == ("depth_associated", "controlled" if len(asked) > 1 else "interventional")
-    assert "it brakes harder where the lead is nearer; not tested beyond 7 m" in ruling.because
+    assert "it brakes harder for the near lead than for the far one; not tested beyond 7 m" in ruling.because
 
 
 @pytest.mark.parametrize(

@@ -219,11 +219,11 @@ def test_a_planner_that_fails_ends_in_logged_stops_that_are_no_intents_of_its_ow
     assert {step.executed_action for step in silent} == {"STOP"}
     row = of(failed, name)
     assert row.no_decision == {why: len(silent)}
-    assert (row.intents["STOP"], row.emitted) == (0, len(drives.steps) - len(silent))
+    assert (row.intents["STOP"], row.intents_emitted) == (0, len(drives.steps) - len(silent))
     assert row.stop_share.value == (None if name == "garbled" else 0.0)
     shown = cells(intent_table(failed.sources, "primary"))[own(name)]
     assert (shown["intents"], shown["fail-safe"], shown["no decision"]) == (
-        str(row.emitted),
+        str(row.intents_emitted),
         str(len(silent)),
         f"{why} {len(silent)}",
     )
@@ -275,7 +275,7 @@ def test_the_tables_hold_every_source_once(studied: HierarchyScore) -> None:
     assert len(completion_table(studied.completions).rows) == len(studied.completions) == 4
     for source in studied.sources:
         drives = next(each for each in studied.drives[source.part] if each.driver == source.driver)
-        assert source.emitted + source.fail_safe == len(drives.steps)
+        assert source.intents_emitted + source.fail_safe_steps == len(drives.steps)
 
 
 def test_eleven_sources_and_eight_controllers_drive_in_the_worlds_that_the_paper_counts(tmp_path: Path) -> None:

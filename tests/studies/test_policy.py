@@ -98,7 +98,10 @@ def test_every_policy_gets_the_labels_that_it_deserves(run: Path) -> None:
         for share in one["channels"].values():
             assert share["ci"][0] <= share["T"] <= share["ci"][1]
             assert share["n"] == 24
-    assert "could be unplugged without anybody noticing" in found["python:arms:middle"]["because"]
+    assert (
+        "both are below 0.1, and no episode was found that responds by 0.1 or more"
+        in found["python:arms:middle"]["because"]
+    )
     assert found["python:arms:middle"]["channels"]["cameras"]["T"] == 0.0
     assert "it declares that it does not read it" in found["python:arms:middle"]["because"]
 
@@ -134,7 +137,7 @@ def test_a_report_is_made_and_a_bundle_is_validated(run: Path, tmp_path: Path) -
     assert re.search(f"Of 3 policies, {does}", page)
     assert "Not more of cameras, top camera, wrist camera, state, instruction, because it is said of these" in page
     assert "wrist: at a similar state" in page
-    assert "It goes where the object that it is told to reach goes in the picture." in page
+    assert "If the object that it is told to reach is moved in the picture, its motion goes along." in page
     assert "Next: train with several instructions in one scene" in page
     assert page.count("shares-python-arms-reach-title") == 2
     assert len(set(re.findall(r'aria-labelledby="(moment-python-arms-[\w-]+)-title', page))) == 5  # one stands first

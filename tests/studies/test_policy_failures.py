@@ -77,7 +77,9 @@ def test_who_fails_on_computed_pictures_alone_is_judged_by_its_other_answers(
             f"it fails on {len(bank)} of {len(bank)} {condition} pictures",
         )
         assert (statistic.value is None) is (condition in failing)
-        assert (statistic.note == words) is (words[3:] in remark) is (condition in failing)
+        assert (statistic.note == words) is (condition in failing)
+        assert (words[len("it fails ") :] in remark) is (condition == "blank")
+    assert ("on 2 kinds of computed pictures" in remark) is (len(failing) == 2)
     assert one.statistics["motions"].value == 1.0
     assert one.statistics["motions"].n == one.motions.finished - len(failing) * len(bank)
     assert one.motions.missing == {"error": len(failing) * len(bank)}

@@ -1,5 +1,6 @@
 """Policies as people ship them, with one fault between robot and network: what a run says, and what it cannot know."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -129,6 +130,21 @@ def test_what_draws_its_answers_keeps_nothing(bank: FrameBank, tmp_path: Path) -
     assert one.drawn
     assert one.statistics["memory"].p > 0.001
     assert judge(found)[spec].guards == {}
+
+
+def test_what_is_noise_hides_whether_answers_are_constant(whole: FrameBank, tmp_path: Path) -> None:
+    """Greater noise than variation is no constant, and no share is below 0; a noise too small to count is one."""
+    found = {name: asked(whole, tmp_path / name, name) for name in ("wanders", "trembles")}
+    wanders, trembles = (one for score in found.values() for one in judge(score).values())
+    assert "self_inconsistent" in wanders.guards
+    assert "constant" not in wanders.guards
+    assert "constant" in trembles.guards
+    assert "self_inconsistent" not in trembles.guards
+    variation = found["wanders"].models[wanders.model].statistics["variation"]
+    assert variation.value is None
+    assert "differ as much when nothing changes" in variation.note
+    for one in (wanders, trembles):
+        assert not re.search(r"(?<![\w.])-\d", str(one)), str(one)
 
 
 def test_who_differs_in_the_last_bits_is_asked_once(bank: FrameBank, tmp_path: Path) -> None:

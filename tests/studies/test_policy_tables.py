@@ -176,7 +176,7 @@ def test_what_overturns_the_headline_stands_in_it() -> None:
     fine, other = verdict(), replace(verdict(), misfit=2.7)
     assert (
         _answer(other)
-        == f"Its error is 2.7 of the log's variance: it does something else than was logged. {_answer(fine)}"
+        == f"Its error is 2.7 times the log's variance: it does something else than was logged. {_answer(fine)}"
     )
     assert (_tone(fine), _tone(other)) == ("sees", "partly")
     told = in_a_sentence([("a", _does(fine)), ("b", _does(other))])

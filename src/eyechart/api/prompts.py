@@ -15,6 +15,7 @@ from eyechart.frames import FrameBank
 from eyechart.models.prices import read_prices
 from eyechart.planned_run import RunAllowance, moving
 from eyechart.prompts import PROMPTS
+from eyechart.records import to_json_fields
 from eyechart.report.table import Table
 from eyechart.run import Progress
 from eyechart.studies import ReadOptions
@@ -85,8 +86,7 @@ class PromptsReport:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values: the cells of ``eyechart score --json``, and differences."""
-        against = {name: one.as_dict() for name, one in self.against.items()}
-        return {**self.score.as_dict(), "first": self.first, "against": against}
+        return self.score.as_dict() | to_json_fields(self, "first against")
 
     @speaks_of_arguments
     def to_html(self, out: Path | str) -> Path:

@@ -64,11 +64,13 @@ def subjects_of(
         else:
             assert callable(one)
             mode = RequestMode(f"python:{name or name_of(one)}", **how)
-            if mode.spec in modes:
+            if mode.spec in held:
                 raise SpecError(
                     f"two callables are called '{mode.spec}'; name each: {argument}={{'one': f, 'other': g}}"
                 )
             held[mode.spec] = OpenedModel(mode, hold(one, mode))
+        if mode.spec in held and modes.keys() & {mode.spec}:
+            raise SpecError(f"{argument} hold '{mode.spec}' as a callable and by its SPEC: keep one of them")
         if modes.setdefault(mode.spec, mode) != mode:
             raise SpecError(f"{argument} name '{mode.spec}' twice, to be asked in two ways: a run asks it in one")
     return Subjects(list(modes.values()), held, frozenset(one for _, one in several if isinstance(one, str)), how)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import AskAgain, Json, LeRobotPython, Seed
+from eyechart.cli.options import AskAgain, Json, LeRobotPython, Seed, require_lerobot
 from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -71,6 +71,7 @@ def look(
         raise SpecError(f"--accept takes only 'part', not '{accept}'")
     pictures = Pictures(frames, photos, table, dataset, read_places(map_ or []), threshold, unit)
     asked = _asked(spec_of(spec), mode, base_url)
+    require_lerobot([asked.spec], lerobot_python)
     place = out or from_here(Path("looks") / folder_name(asked.spec))
     from_here(Path(f"{as_typed(str(place))}-2"))  # records the folder of a second try as typed, too
     wanted = LookRequest(

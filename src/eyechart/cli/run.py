@@ -295,9 +295,9 @@ def policy(
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
 
-    del lerobot_python  # named already, as the option was read
     given = {} if timeout_s is None else {"timeout_s": timeout_s}
     asked = making.asked(policy, mode, **given)
+    options.require_lerobot((one.spec for one in asked.modes), lerobot_python)
 
     def planned(modes: "Sequence[RequestMode]") -> "PolicyRun":
         extent = study.PolicySelection(limit, None if shard is None else read_shard(shard), answers, shapley)

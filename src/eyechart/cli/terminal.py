@@ -199,6 +199,9 @@ def patience(what: str, every_s: float = 2.0) -> Iterator[Callable[[str], None]]
     """Yield a function that takes the current step; a step longer than ``every_s`` is printed."""
     import threading
 
+    from eyechart.stats.statistic import special_functions
+
+    special_functions()  # before the thread: beside others all of scipy.special is imported, a tenth of a second
     under_way: list[str] = []
     over = threading.Event()
 

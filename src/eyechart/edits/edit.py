@@ -46,6 +46,7 @@ from eyechart.frames import (
     whole_folder,
 )
 from eyechart.importing.faults import Faults
+from eyechart.records import to_json_fields
 from eyechart.report.contact_sheet import SheetCell, draw_sheet, small
 
 METHOD = "edit/1"
@@ -88,21 +89,10 @@ class EditResult:
 
     def as_dict(self) -> dict[str, object]:
         """Return the plain values of the record's file."""
-        return {
-            "made": "edited",
-            "method": METHOD,
-            "eyechart": __version__,
-            "parameters": self.parameters,
-            "photographs": self.photographs,
-            "pictures": {name: self.pictures[name] for name in PICTURES},
-            "refused": [{"file": one.file, "picture": one.picture, "reason": one.reason} for one in self.refused],
-            "scales": self.scales(),
-            "copies": self.copies,
-            "masks": dict(self.masks),
-            "horizon": [one.as_dict() for one in self.grounds],
-            "notes": self.notes,
-            "digests": self.digests,
-        }
+        head = {"made": "edited", "method": METHOD, "eyechart": __version__, "scales": self.scales()}
+        pictures = {name: self.pictures[name] for name in PICTURES}
+        names = "parameters photographs refused copies masks notes digests"
+        return head | to_json_fields(self, names, pictures=pictures, horizon=self.grounds)
 
     def scales(self) -> dict[str, list[float]]:
         """Return the smallest and the largest scale of the copies in each kind of picture."""

@@ -1,10 +1,12 @@
 """Workers on a Ray cluster: sets of worlds as actors, spread over the nodes (extra ``ray``)."""
 
+import asyncio
+
 from eyechart.clusters import actor, join
 from eyechart.episodes.workers import WorkerDiedError
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
-from eyechart.event_loops import asyncio
+from eyechart.modes import in_one_line
 
 
 class RayWorker:
@@ -47,4 +49,4 @@ class _WorldActor:
             self._worlds = self._worlds or Worlds(self._setup)
             return "ok", getattr(self._worlds, method)(*given)
         except Exception as error:  # noqa: BLE001 - the coordinator needs every error as words
-            return "failed", f"{type(error).__name__}: {error}"
+            return "failed", in_one_line(error, 2000)

@@ -3,6 +3,7 @@
 Both ends are here: the coordinator's calls, and the program that answers until the connection ends.
 """
 
+import asyncio
 import os
 import socket
 import subprocess
@@ -16,7 +17,7 @@ from typing import Any, Protocol
 
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
-from eyechart.event_loops import asyncio
+from eyechart.modes import in_one_line
 from eyechart.processes import end_with
 
 PATIENCE_S = 300.0
@@ -123,7 +124,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
         except _GoneError:
             raise
         except Exception as error:  # noqa: BLE001 - without an answer the coordinator waits for ever
-            answer = "failed", f"{type(error).__name__}: {error}"
+            answer = "failed", in_one_line(error, 2000)
         _send(connection, answer)
 
 

@@ -26,7 +26,7 @@ from eyechart.frames import (
     encode,
     rounded_truth,
 )
-from eyechart.modes import without_secrets
+from eyechart.modes import in_one_line
 from eyechart.policies import Observation, Policy, open_policy
 from eyechart.records import LARGEST
 from eyechart.seeds import key_seed
@@ -135,7 +135,7 @@ class _Rollout:
             self._first = _checked(self._drive.picture(), first=True)
             self._look()
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a world that fails is a record, not the end of a run
-            self.end("error", _words(error))
+            self.end("error", in_one_line(error, _DETAIL))
 
     def observe(self) -> Observation:
         """Return the moment as a policy that is no model gets it."""
@@ -156,7 +156,7 @@ class _Rollout:
         try:
             return EpisodeView(self._key.frame(len(self._steps)), len(self._steps), self._stimulus())
         except (Exception, SystemExit) as error:  # noqa: BLE001 - as above
-            return self.end("error", _words(error))
+            return self.end("error", in_one_line(error, _DETAIL))
 
     def decide(self, decide: Callable[[], Decision[str]], error: str = "") -> None:
         """Take a decision and drive on; without a decision the fail-safe is executed."""
@@ -165,7 +165,7 @@ class _Rollout:
         try:
             self._execute(decide(), error)
         except (Exception, SystemExit) as raised:  # noqa: BLE001 - as above
-            self.end("error", _words(raised))
+            self.end("error", in_one_line(raised, _DETAIL))
 
     def end(self, ended: str, detail: str = "") -> Episode:
         """Close the world and return the record."""
@@ -320,8 +320,3 @@ def _require_finite(moved: StepResult) -> None:
         value = getattr(moved, name)
         if not (value is None and name != "reward") and not abs(value) <= LARGEST:
             raise SpecError(f"the world's {name} is {value}, not a number up to {LARGEST:g}")
-
-
-def _words(error: BaseException) -> str:
-    said = without_secrets(f"{type(error).__name__}: {error}")
-    return " ".join(said.split())[:_DETAIL]

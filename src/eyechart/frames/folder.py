@@ -453,7 +453,9 @@ class BankWriter:
         past = self._past_of(frame)
         frame = self._put_aside(frame, truth)
         row: dict[str, object] = {
-            **to_json_fields(frame, "file_name=file frame_id=id scenario episode step mirror_axis"),
+            "file_name": frame.file,
+            "frame_id": frame.id,
+            **to_json_fields(frame, "scenario episode step mirror_axis"),
             **truth,
             **plain(frame.state),
             **logged,
@@ -494,10 +496,11 @@ class BankWriter:
                 raise BankError(f"frame '{frame.id}': '{one.id}' is no instant of its episode: see Frame.instant")
             if lacking := [file for file in one.pictures.values() if file not in self._images]:
                 raise BankError(f"frame '{frame.id}': the picture '{lacking[0]}' of its past was not added before it")
-        names = "file_name=file frame_id=id step mirror_axis"
         rows = [
             {
-                **to_json_fields(one, names),
+                "file_name": one.file,
+                "frame_id": one.id,
+                **to_json_fields(one, "step mirror_axis"),
                 **rounded_truth(one.fields, one.id),
                 **plain(one.state),
                 **_other_files(one),

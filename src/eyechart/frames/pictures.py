@@ -35,7 +35,7 @@ _RAW, _BAND, _ADLER = -15, 3, 65_521
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP")
 _SOUND_KEPT = 100_000
 _SOUND: set[bytes] = set()
-"""The digests of pictures that were decoded whole in this process."""
+"""The digests of pictures that were decoded whole in this process, or encoded."""
 
 _TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg", b"RIFF": "image/webp", b"BM": "image/bmp"}
 
@@ -167,10 +167,21 @@ def digest_of_sound(picture: bytes, name: str) -> str:
     if found.digest() not in _SOUND:
         with open_picture(picture, name, _FORMATS) as image:
             image.load() if image.mode == "RGB" else image.convert("RGB")
-        if len(_SOUND) >= _SOUND_KEPT:
-            _SOUND.clear()
-        _SOUND.add(found.digest())
+        _remember_sound(found.digest())
     return found.hexdigest()
+
+
+def encode_sound(rgb: RGB) -> bytes:
+    """Encode a picture as `encode` does; one that this process made need not be decoded to be found sound."""
+    picture = encode(rgb)
+    _remember_sound(hashlib.sha256(picture).digest())
+    return picture
+
+
+def _remember_sound(digest: bytes) -> None:
+    if len(_SOUND) >= _SOUND_KEPT:
+        _SOUND.clear()
+    _SOUND.add(digest)
 
 
 _PHONES = {

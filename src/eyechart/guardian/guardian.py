@@ -24,7 +24,7 @@ from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures,
 from eyechart.integrity import names_of
 from eyechart.models import Model, open_model
 from eyechart.models.sources import FORMERLY
-from eyechart.modes import RequestMode, without_secrets
+from eyechart.modes import RequestMode, in_one_line
 from eyechart.seeds import key_seed
 from eyechart.stats.committee_votes import CLEAR, HAZARD, answers
 from eyechart.studies.guardian import VIEWS, FrozenGuardian, read_frozen
@@ -249,7 +249,7 @@ class Guardian:
         except asyncio.CancelledError:
             raise
         except BaseException as error:  # noqa: BLE001 - nor over what an interface of its own does
-            return self._silent(start, f"the picture could not be prepared: {type(error).__name__}: {error}"[:_WORDS])
+            return self._silent(start, f"the picture could not be prepared: {in_one_line(error)}"[:_WORDS])
         return await self._ask(pictures, start, limit)
 
     async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:
@@ -306,7 +306,7 @@ class Guardian:
         except asyncio.CancelledError:
             raise
         except BaseException as error:  # noqa: BLE001 - no model may end a stack
-            return None, without_secrets(f"{type(error).__name__}: {error}")[:_WORDS]
+            return None, in_one_line(error, _WORDS)
         return vote, why
 
     def _answer(self, votes: Mapping[tuple[str, str], tuple[Vote, str]], start: float) -> Assessment:

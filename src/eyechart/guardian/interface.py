@@ -10,6 +10,7 @@ from eyechart.errors import GuardianError
 from eyechart.frames import Stimulus, decode, encode
 from eyechart.perception.view import find_view
 from eyechart.prompts import close_m_of
+from eyechart.records import to_json_fields
 from eyechart.spaces.scene import SCENES
 from eyechart.studies.guardian import VIEWS, VOTE_READER, VOTED, FrozenGuardian, read_vote
 
@@ -55,13 +56,8 @@ class Assessment:
 
     def as_dict(self) -> dict[str, object]:
         """Return the assessment as plain JSON values."""
-        return {
-            "answer": self.answer,
-            "votes": {model: dict(zip(VIEWS, pair, strict=True)) for model, pair in self.votes.items()},
-            "missing": dict(self.missing),
-            "latency_s": round(self.latency_s, 4),
-            "why": self.why,
-        }
+        votes = {model: dict(zip(VIEWS, pair, strict=True)) for model, pair in self.votes.items()}
+        return to_json_fields(self, "answer missing why", votes=votes, latency_s=round(self.latency_s, 4))
 
 
 def interface_of(frozen: FrozenGuardian) -> Interface:

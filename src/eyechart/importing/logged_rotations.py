@@ -1,5 +1,6 @@
 """Rotations in a robot's log: as they are declared, checked against the data, and recognised."""
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -8,7 +9,6 @@ import numpy as np
 
 from eyechart.errors import SpecError, did_you_mean
 from eyechart.importing.motion_log import LogDescription, MotionSegment, tell
-from eyechart.regexes import pattern
 from eyechart.spaces.rotations import (
     DEGREES,
     EULER,
@@ -43,7 +43,7 @@ opposite each number must be, 1 for always."""
 _ALIKE, _UNIT = 0.9, 0.1
 """The least correlation of a number with its place in the state, and the largest error of a unit's
 factor."""
-_DECLARED = pattern(r"([^\[\]=]+)\[(\d{1,4}):(\d{1,4})\]=(\w+)")
+_DECLARED = re.compile(r"([^\[\]=]+)\[(\d{1,4}):(\d{1,4})\]=(\w+)")
 
 Of = Literal["motion", "state"]
 Places = Mapping[Of, Sequence[tuple[str, int]]]

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 
 COLUMNS = 80
 PYTHON = "eyechart.look("
@@ -19,7 +19,7 @@ EXIT_CODES = {"Yes": 0, "In part": 1, "No": 1, "Inconclusive": 2}
 class PictureResult:
     """One picture in words, with the counts of its answers, or the change of a motion.
 
-    ``note`` says why there is no change although the picture was shown.
+    ``why`` says why there is neither.
     """
 
     shows: str
@@ -27,19 +27,19 @@ class PictureResult:
     change: float | None = None
     ci: tuple[float, float] | None = None
     n: int = 0
-    note: str = ""
+    why: str = "not asked"
 
     @property
     def words(self) -> str:
         """Return the result in words."""
         if self.answers is not None:
             counted = ", ".join(f"{name} {count}" for name, count in self.answers.items())
-            return f"{counted} of {self.n} answers" if counted else "not asked"
+            return f"{counted} of {self.n} answers" if counted else self.why
         if self.change is None:
-            return f"cannot say: {self.note}" if self.n and self.note else "not asked"
-        low, high = (min(one, 1.0) for one in self.ci or (0.0, 0.0))
+            return self.why
+        change, low, high = (min(max(one, 0.0), 1.0) for one in (self.change, *(self.ci or (0.0, 0.0))))
         between = f" [{low:.0%}, {high:.0%}]" if low < high else ""
-        return f"changes {min(self.change, 1.0):.0%} of its motion{between}"
+        return f"changes {change:.0%} of its motion{between}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class NextStep:
 
 
 @dataclass(frozen=True)
-class Look(KeyedRecord):
+class Look:
     """Whether a model or a policy looks, why, and the files that the look made.
 
     ``answer`` is Yes, In part, No or Inconclusive; ``because`` is its sentence. ``holes`` are the
@@ -59,8 +59,6 @@ class Look(KeyedRecord):
     why the calls stopped early, if they did. ``report`` and ``run`` are None if there were no
     calls.
     """
-
-    written = "answer because holes next=commands report=page run=folder model=spec label pictures among ended calls"
 
     spec: str
     answer: str
@@ -75,20 +73,11 @@ class Look(KeyedRecord):
     calls: int = 0
     ended: str = ""
 
-    @property
-    def commands(self) -> list[str]:
-        """Return the commands of the next steps."""
-        return [step.command for step in self.next]
-
-    @property
-    def page(self) -> str | None:
-        """Return the page's path; None if there is none."""
-        return None if self.report is None else str(self.report)
-
-    @property
-    def folder(self) -> str | None:
-        """Return the run's folder; None if there is none."""
-        return None if self.run is None else str(self.run)
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        names = "answer because holes label pictures among ended calls"
+        files = {"report": self.report and str(self.report), "run": self.run and str(self.run)}
+        return to_json_fields(self, names, next=[step.command for step in self.next], model=self.spec, **files)
 
     def exit_code(self, *, accept_part: bool = False) -> int:
         """Return 0 for Yes, 1 for No and In part (0 if accepted), 2 for Inconclusive."""
@@ -108,10 +97,8 @@ class Look(KeyedRecord):
         if self.pictures:
             rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
             rows += [(picture.shows, picture.words) for picture in self.pictures]
-        return "".join(
-            f"| {' | '.join(' '.join(cell.split()).replace('|', '/') for cell in row)} |\n" if row else "\n"
-            for row in rows
-        )
+        cells = ([" ".join(cell.split()).replace("|", "/") for cell in row] for row in rows)
+        return "".join(f"| {' | '.join(row)} |\n" if row else "\n" for row in cells)
 
     def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
         """Yield the screen in lines of at most 80 columns; ``shown`` converts a text to display."""

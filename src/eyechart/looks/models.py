@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from eyechart.costs import assumed, estimate
+from eyechart.errors import printable
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome, Usage
 from eyechart.looks.answer import Look, NextStep, PictureResult
@@ -211,7 +212,7 @@ def _failed(wanted: LookRequest, evidence: Evidence) -> Iterator[str]:
     with Ledger(wanted.run / LEDGER) as ledger:
         found = [one for _, one in ledger.replies(wanted.spec) if one.error]
     if found:
-        first = f"{found[0].error}: {found[0].error_detail}"[:160]
+        first = printable(f"{found[0].error}: {found[0].error_detail}")[:160]
         yield (
             f"{count or len(found)} calls ended in an error, so 'gate' and assert_looks are inconclusive. The first "
             f"error: {first}"

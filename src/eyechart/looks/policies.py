@@ -38,6 +38,7 @@ from eyechart.studies.policy.plans import PolicyRun
 from eyechart.studies.policy.scores import judge
 from eyechart.verdicts.labels import CAMERA
 from eyechart.verdicts.policy_verdict import MISFIT, PolicyVerdict
+from eyechart.verdicts.share_predicates import IGNORED
 
 _SELDOM = 1_000_000
 """For a trial, one frame is taken per this many frames of an episode: its first one."""
@@ -233,7 +234,8 @@ def _because(verdict: PolicyVerdict) -> str:
         return verdict.because
     said = f"{CAMERA[verdict.camera.label].says} {verdict.camera.because}"
     if verdict.misfit is not None and verdict.misfit >= MISFIT:
-        said += f" But its error is {verdict.misfit:.1f} of the log's variance: it does something else than was logged."
+        error = f"its error is {verdict.misfit:.1f} times the log's variance"
+        said += f" But {error}: it does something else than was logged."
     return said
 
 
@@ -241,14 +243,15 @@ def _holes(verdict: PolicyVerdict) -> Iterator[str]:
     """Yield the cameras that do not matter although others do."""
     if not verdict.guards and verdict.answer in {"Yes", "In part"}:
         ignored = [name for name, camera in verdict.cameras.items() if camera.label == "ignores_camera"]
-        yield from (f"Not by the {name} camera: another episode's pictures would do." for name in ignored)
+        changes = f"another episode's pictures change less than {IGNORED} of the motion's variation"
+        yield from (f"Not by the {name} camera: {changes}." for name in ignored)
 
 
 def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
     statistics = scored.models[spec].statistics
     for name, words in SHOWN.items():
         if (one := statistics.get(name)) is not None:
-            yield PictureResult(words, change=one.value, ci=one.ci, n=one.n, note=one.note)
+            yield PictureResult(words, change=one.value, ci=one.ci, n=one.n, why=one.note or "not asked")
 
 
 def _steps(

@@ -1,5 +1,6 @@
 """Models that answer queries: one module an adapter, one door for all."""
 
+import asyncio
 import os
 import time
 import tomllib
@@ -15,8 +16,7 @@ from urllib.parse import urlsplit
 from eyechart import __version__
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError, did_you_mean
-from eyechart.event_loops import asyncio
-from eyechart.modes import RequestMode, each_without_secrets, read_mode, without_secrets
+from eyechart.modes import RequestMode, each_without_secrets, in_one_line, read_mode
 
 
 class Model(Protocol):
@@ -198,7 +198,7 @@ async def ask(model: Model, query: Query) -> Reply:
         reply = await model.answer(query)
         if not isinstance(reply, Reply):
             raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
-        reply = cleaned(bounded(reply))
+        reply = _in_one_line(cleaned(bounded(reply)))
         if wrong := misfit(reply):
             raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
     except asyncio.CancelledError:
@@ -208,7 +208,7 @@ async def ask(model: Model, query: Query) -> Reply:
         # The adapter cancelled its own request. Raised here, it would silently end a worker.
         reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
     except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-        reply = Reply(error="exception", error_detail=without_secrets(f"{type(error).__name__}: {error}")[:2000])
+        reply = Reply(error="exception", error_detail=in_one_line(error, 2000))
     seconds = time.perf_counter() - start
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
 
@@ -216,6 +216,12 @@ async def ask(model: Model, query: Query) -> Reply:
 _SAID = tuple(one.name for one in fields(Reply) if one.type in {str, str | None} and one.name != "payload_sha256")
 """The fields of a reply that may hold words of others; `misfit` lets only a digest be the other."""
 _words = attrgetter(*_SAID)
+
+
+def _in_one_line(reply: Reply) -> Reply:
+    """Return a reply whose error is told in one line: screens and pages have a line for it."""
+    line = " ".join(str(reply.error_detail).split())
+    return reply if line == reply.error_detail else replace(reply, error_detail=line)
 
 
 def cleaned(reply: Reply) -> Reply:

@@ -1,5 +1,6 @@
 """Models held by actors on a Ray cluster: the coordinator plans and records, the actors answer."""
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -7,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 from eyechart.calls import Query, Reply
 from eyechart.clusters import actor, join, require_gpus
 from eyechart.errors import SpecError
-from eyechart.event_loops import asyncio
 from eyechart.models import Model, ask, open_model
 from eyechart.models.batches import Batches
-from eyechart.modes import RequestMode
+from eyechart.modes import RequestMode, in_one_line
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -169,14 +169,14 @@ class _ModelActor:
         try:
             return self._opened().version
         except Exception as error:  # noqa: BLE001 - it is told where the run was started
-            return f"{type(error).__name__}: {error}"
+            return in_one_line(error)
 
     async def answer(self, queries: Sequence[Query]) -> Sequence[Reply]:
         """Answer queries at once."""
         try:
             model = self._opened()
         except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-            failed = Reply(error="missing_model", error_detail=f"{type(error).__name__}: {error}")
+            failed = Reply(error="missing_model", error_detail=in_one_line(error))
             return [failed] * len(queries)
         if model.version != self._version:
             failed = Reply(error="missing_model", error_detail=f"this node has version {model.version}")

@@ -1,12 +1,12 @@
 """Queries that wait together and are answered in one call of a callable, each with its own reply."""
 
+import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
 from eyechart.calls import Query, Reply
-from eyechart.event_loops import asyncio
-from eyechart.modes import without_secrets
+from eyechart.modes import in_one_line
 
 WAIT_S = 0.01
 """A batch that is not full waits so long for a further query."""
@@ -105,15 +105,11 @@ async def in_time(
         if isinstance(error, TimeoutError) and limit.expired():
             return [Reply(error="timeout", error_detail=f"no answer within {most_s:g} s")] * count
         if count > 1:
-            raise NotEachError(_in_words(error)) from error
+            raise NotEachError(in_one_line(error)) from error
         found = [error]
     return [
-        Reply(error="exception", error_detail=_in_words(one)) if isinstance(one, Exception) else one for one in found
+        Reply(error="exception", error_detail=in_one_line(one)) if isinstance(one, Exception) else one for one in found
     ]
-
-
-def _in_words(error: Exception) -> str:
-    return without_secrets(f"{type(error).__name__}: {error}")[:500]
 
 
 def is_size(declared: object) -> TypeGuard[int | None]:

@@ -14,7 +14,6 @@ from http import HTTPStatus
 from types import MappingProxyType
 
 from eyechart.calls import TRANSIENT, ErrorKind, Reply
-from eyechart.regexes import pattern
 
 _STATUSES: Mapping[int, ErrorKind] = MappingProxyType(
     {
@@ -39,7 +38,7 @@ _SHOWN = 300
 
 
 def _any(*either: str) -> re.Pattern[str]:
-    return pattern("|".join(either), re.IGNORECASE)
+    return re.compile("|".join(either), re.IGNORECASE)
 
 
 _TROUBLE = _any(
@@ -172,16 +171,18 @@ _SIZES = _any(
 """A limit of the request as a whole."""
 _NAMED = ("param", "parameter", "field")
 _LOCATED = ("loc", "path")
-_NAME = pattern(r"/?[A-Za-z_][\w.\[\]$/-]{0,99}")
+_NAME = re.compile(r"/?[A-Za-z_][\w.\[\]$/-]{0,99}")
 _NO_FIELDS = frozenset({"body", "request", "payload", "none", "null", "unknown", "error", "model", "na"})
 _ELSEWHERE = frozenset({"query", "path", "header", "headers", "cookie", "cookies", "url", "uri"})
-_KEYS = pattern(r"(?:x-)?(?:api[-_]?key|authori[sz]ation|(?:access|auth)[-_]?(?:token|key)|token|key)", re.IGNORECASE)
+_KEYS = re.compile(
+    r"(?:x-)?(?:api[-_]?key|authori[sz]ation|(?:access|auth)[-_]?(?:token|key)|token|key)", re.IGNORECASE
+)
 _ECHOES = frozenset({"input", "url", "flagged_input", "documentation_url", "help", "request_id", "body", "instance"})
 """Entries that repeat the request or hold an address: they say nothing about the fault."""
 _AGAIN = frozenset(
     {"retry_after", "retryafter", "retry_after_ms", "retryable", "is_retryable", "retrydelay", "retry_delay"}
 )
-_WAIT = pattern(
+_WAIT = re.compile(
     r"\b(?:retry(?:ing)?|try(?:ing)? again|wait)(?: \w+){0,3}? (?:in|after|for|at least) (?:about )?"
     r"(?:(\d{1,4})h)?(?:(\d{1,4})m(?!s))?"
     r"(?:(\d{1,9}(?:\.\d{1,9})?) ?(ms|millisecond|s\b|sec|min|hour|day)?)?",
@@ -199,10 +200,10 @@ _BARE = frozenset(
     | {"payloadtoolarge", "contenttoolarge", "entitytoolarge", "requestentitytoolarge", "unprocessablecontent"}
 )
 """Names of statuses, which say no more than their numbers."""
-_PAGE = pattern(r"<\s*(?:!doctype|html|head|body|center|h1)\b", re.IGNORECASE)
+_PAGE = re.compile(r"<\s*(?:!doctype|html|head|body|center|h1)\b", re.IGNORECASE)
 WITHIN = "error in a reply of status 200: "
 """The start of the text of an error that came with status 200."""
-_FIELD = pattern(r" \(field: [^ ()]{1,100}\)(?=;|\Z)")
+_FIELD = re.compile(r" \(field: [^ ()]{1,100}\)(?=;|\Z)")
 """What `with_proof` appends where an error names the field in an entry of its own."""
 
 

@@ -22,7 +22,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from inspect import iscoroutinefunction, isgeneratorfunction, signature
+from inspect import Signature, iscoroutinefunction, isgeneratorfunction, signature
 from threading import Lock, Thread
 
 import numpy as np
@@ -199,7 +199,7 @@ def _cannot_be_called(act: Act, *named: str) -> str:
         signature(act).bind({}, None, None, **dict.fromkeys(named))
     except TypeError as error:
         given = ", ".join(("images", "state", "instruction", *(f"{one}=" for one in named)))
-        own = ", ".join(signature(act).parameters)
+        own = _parameters(signature(act))
         if own.startswith("prompt, image"):
             return f"it takes ({own}), as a controller does: ask it with 'eyechart run battery' and --model"
         words = f"it must take the arguments ({given}) by position, and has ({own}): {error}"
@@ -207,6 +207,12 @@ def _cannot_be_called(act: Act, *named: str) -> str:
     except ValueError:  # a callable that is not written in Python has no signature
         return ""
     return ""
+
+
+def _parameters(taken: Signature) -> str:
+    """Return the names of parameters as they stand in a ``def``, with * before those by name alone."""
+    bare = [one.replace(annotation=one.empty, default=one.empty) for one in taken.parameters.values()]
+    return str(Signature(bare)).strip("()")
 
 
 _LATE: Mapping[Callable[[object], bool], str] = {

@@ -40,7 +40,7 @@ from eyechart.models import HISTORY, require_options
 from eyechart.models.batches import SIZES, Batches, NotCalledError, in_time, is_size
 from eyechart.models.energy import metered
 from eyechart.models.sources import facts_of, version_of
-from eyechart.modes import RequestMode, without_secrets
+from eyechart.modes import RequestMode, in_one_line
 
 OPTIONS = {"energy": "true measures this machine's energy during a call, for a model that runs here"}
 
@@ -454,12 +454,10 @@ def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
     try:
         module = import_module(module_name)
     except ImportError as error:
-        raise SpecError(
-            f"'python:{name}': module '{module_name}' cannot be imported: {without_secrets(str(error))}"
-        ) from error
+        words = in_one_line(error).partition(": ")[2]
+        raise SpecError(f"'python:{name}': module '{module_name}' cannot be imported: {words}") from error
     except (Exception, SystemExit) as error:
-        words = without_secrets(f"{type(error).__name__}: {error}")[:500]
-        raise SpecError(f"'python:{name}': the import of module '{module_name}' fails: {words}") from error
+        raise SpecError(f"'python:{name}': the import of module '{module_name}' fails: {in_one_line(error)}") from error
     ask: Any = module
     for part in function.split("."):
         owner, ask = ask, getattr(ask, part, None)

@@ -76,7 +76,8 @@ class Diagnosis:
         """Return plain JSON values."""
         same, of = self.sight.same
         return {
-            **to_json_fields(self, "model=mode.spec outcome because causes sight.p"),
+            "model": self.mode.spec,
+            **to_json_fields(self, "outcome because causes spent facts notes mode seed", p=self.sight.p),
             "bound": self.sight.bound().as_dict(),
             "scores": plain(self.scores()),
             "says_no_picture": self.sight.says_none,
@@ -87,16 +88,14 @@ class Diagnosis:
                 "by_gap": [dict(zip(("gap_px", "right", "of"), one, strict=True)) for one in self.acuity.by_gap],
             },
             "same_reply": {"same": same, "of": of},
-            "schema": to_json_fields(self, "binds=schema_binds because=schema_says"),
-            "budget": to_json_fields(self, "enough=budget_enough because=budget_says"),
-            "cache": to_json_fields(self.sight, "by_words=cached_by_words repeats_at_once=is_sudden"),
+            "schema": {"binds": self.schema_binds, "because": self.schema_says},
+            "budget": {"enough": self.budget_enough, "because": self.budget_says},
+            "cache": {"by_words": self.sight.cached_by_words, "repeats_at_once": self.sight.is_sudden},
             "replies": [
-                to_json_fields(shot, "question.kind right=question.answer said")
-                | {"text": shot.reply.text[:500]}
-                | to_json_fields(shot, "reply.error reply.seconds")
+                {"kind": shot.question.kind, "right": shot.question.answer, "said": shot.said}
+                | {"text": shot.reply.text[:500], **to_json_fields(shot.reply, "error seconds")}
                 for shot in self.sight.shots
             ],
-            **to_json_fields(self, "spent facts notes mode seed"),
         }
 
 

@@ -21,7 +21,7 @@ from eyechart.probe.asker import Asker, LimitReachedError, ProbeOptions
 from eyechart.probe.causes import likely_causes
 from eyechart.probe.picture_proof import SightAnswers, look
 from eyechart.probe.sample import Sample, default_sample, is_served, json_binds, plain, schema_binds
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.seeds import key_seed
 
 MOST_CALLS = 60 + OF_ARRIVAL
@@ -47,16 +47,18 @@ class ProbeError(EyechartError):
 
 
 @dataclass(frozen=True)
-class ProbeResult(KeyedRecord):
+class ProbeResult:
     """A model's pinned mode with its measurements, its sight, likely causes and notes."""
-
-    written = "mode sight.outcome sight.because causes notes spent"
 
     mode: RequestMode
     sight: SightAnswers
     causes: tuple[str, ...]
     notes: tuple[str, ...]
     spent: Usage
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(self.sight, "outcome because") | to_json_fields(self, "mode causes notes spent")
 
     @property
     def measured(self) -> ModeMeasurements:

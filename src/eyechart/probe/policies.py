@@ -245,6 +245,13 @@ class _ProbeFrames:
         pictures = ", ".join(f"{name}: {pixel.shape} {pixel.dtype}" for name, pixel in pixels.items())
         return f"the pictures {pictures}; {numbers}; {told}"
 
+    def given_to(self, model: Model) -> str:
+        """Return in words what a call of a policy gets, which a batch gets as lists."""
+        if (size := model.facts.get("batch")) is None:
+            return f"its inputs are {self.given}"
+        way = "let it take lists and answer a list of arrays, or take 'batch' away"
+        return f"its inputs come in lists of up to {size}, as it declares batch: {way}; each is {self.given}"
+
 
 def _forms(seen: Stimulus) -> dict[str, Stimulus]:
     """Return an instant with its pictures in wrong forms, by the name of the likely mistake."""
@@ -343,7 +350,7 @@ def _motions(calls: _ProbeCalls, answers: list[Decision[Motion]]) -> PolicyCheck
     without = [answer for answer in made if answer.action is None]
     if not without:
         return PolicyCheck("motions", True, f"all {len(made)} calls returned a motion {calls.asked.space.shape}")
-    given = f" (its inputs are {calls.asked.given})"
+    given = f" ({calls.asked.given_to(calls.model)})"
     errors = (f"it fails: {reply.error_detail}{given}" for reply in calls.replies if reply.error is not None)
     lacks = (calls.asked.space.lacks(reply) for reply in calls.replies)
     said = "; ".join(dict.fromkeys([*list(errors)[:1], *filter(None, lacks)]))

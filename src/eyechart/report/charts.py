@@ -1,6 +1,7 @@
 """Drawings: matplotlib figures with a name and a description, written as SVG or PDF."""
 
 import io
+import math
 import re
 import unicodedata
 import warnings
@@ -9,16 +10,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from html import escape
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from matplotlib.transforms import Bbox
+from matplotlib.transforms import Affine2D, Bbox
 from numpy.typing import NDArray
 from PIL import ImageFont
 
@@ -158,7 +160,7 @@ class Drawing:
 
 def _theme(tag: re.Match[str]) -> str:
     text = tag.group()
-    for colour, themed in THEMED.items():
+    for colour, themed in THEMED.items() if "#" in text else ():
         text = text.replace(colour, themed)
     return text
 
@@ -220,26 +222,82 @@ def luminance(colour: str | tuple[float, float, float, float]) -> float:
     return sum(weight * one for weight, one in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
 
 
-def cell(axes: Axes, x: int, y: int, share: float | None, text: str, colours: LinearSegmentedColormap) -> None:
-    """Draw a cell of a grid, coloured by a share from 0 to 1; None has no colour."""
-    face = "none" if share is None else colours(share)
-    axes.add_patch(Rectangle((x - 0.48, y - 0.47), 0.96, 0.94, facecolor=face, edgecolor=LINE, linewidth=0.6))
-    ink = MUTED if share is None else "#ffffff" if luminance(face) < _DARK else ON_COLOUR
-    axes.text(x, y, text, ha="center", va="center", color=ink, fontsize=8)
+Cell = tuple[float | None, str, LinearSegmentedColormap]
+"""A share from 0 to 1, or None that has no colour; the words in it; and the colours of shares."""
+Frame = tuple[float, float, float, float, str, float]
+"""A line around cells: left, top, right and bottom in cells, the colour, and the width in points."""
+_PAD, _LARGE = 3.5, 8.5
 
 
-def grid(axes: Axes, columns: Sequence[str], rows: Sequence[str], *, rotation: float = 0) -> None:
-    """Name the columns (above) and the rows of a grid."""
-    axes.set_xlim(-0.5, max(1, len(columns)) - 0.5)
-    axes.set_ylim(max(1, len(rows)) - 0.5, -0.5)
-    how: dict[str, Any] = {"rotation": rotation, "ha": "left", "rotation_mode": "anchor"} if rotation else {}
-    axes.set_xticks(range(len(columns)), columns, **how)
-    axes.set_yticks(range(len(rows)), rows)
-    axes.xaxis.tick_top()
-    axes.xaxis.set_label_position("top")
-    axes.tick_params(length=0)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+@dataclass(frozen=True)
+class GridLabels:
+    """The names of a grid's columns (above) and rows, leaning by ``rotation`` degrees, and what both are."""
+
+    columns: Sequence[str]
+    rows: Sequence[str]
+    rotation: float = 0
+    points: float = _LARGE
+    across: str = ""
+    down: str = ""
+
+
+def grid(
+    size: tuple[float, float],
+    margins: tuple[float, float, float, float],
+    cells: Sequence[Sequence[Cell]],
+    labels: GridLabels,
+    frames: Sequence[Frame] = (),
+) -> Figure:
+    """Return a grid of coloured cells, row by row; size and margins are those of `canvas`.
+
+    It draws on the figure itself: axes, spines and ticks took two thirds of a page's time with many.
+    """
+    figure = Figure(figsize=size)
+    left, right, bottom, top = margins
+    across = (size[0] - left - right) / max(1, len(labels.columns))
+    down = (size[1] - bottom - top) / max(1, len(labels.rows))
+    inches = figure.dpi_scale_trans
+    place = Affine2D().scale(across, -down).translate(left + across / 2, size[1] - top - down / 2) + inches
+    boxes = [(x - 0.48, y - 0.47, x + 0.48, y + 0.47) for y, row in enumerate(cells) for x in range(len(row))]
+    faces = ["none" if share is None else colours(share) for row in cells for share, _, colours in row]
+    how: dict[str, Any] = {"facecolors": faces, "edgecolors": LINE, "linewidths": 0.6}
+    figure.add_artist(PolyCollection(list(starmap(_corners, boxes)), transform=place, zorder=1, **how))
+    how = {"facecolors": "none", "edgecolors": [one[4] for one in frames], "linewidths": [one[5] for one in frames]}
+    corners = [_corners(*one[:4]) for one in frames]
+    figure.add_artist(PolyCollection(corners, transform=place, zorder=5, **how))
+    for y, row in enumerate(cells):
+        for x, (share, words, colours) in enumerate(row):
+            ink = MUTED if share is None else "#ffffff" if luminance(colours(share)) < _DARK else ON_COLOUR
+            if words:
+                figure.text(x, y, words, ha="center", va="center", color=ink, fontsize=8, transform=place)
+    _name_grid(figure, labels, (left, size[1] - top), (across, down))
+    return figure
+
+
+def _corners(left: float, top: float, right: float, bottom: float) -> list[tuple[float, float]]:
+    return [(left, top), (right, top), (right, bottom), (left, bottom)]
+
+
+def _name_grid(figure: Figure, labels: GridLabels, corner: tuple[float, float], cell: tuple[float, float]) -> None:
+    """Write the names around a grid whose upper left corner, and the size of whose cells, are in inches."""
+    (left, top), (across, down), pad = corner, cell, _PAD / 72
+    how: dict[str, Any] = {"transform": figure.dpi_scale_trans, "color": INK}
+    turned: dict[str, Any] = {**how, "rotation": labels.rotation, "ha": "left" if labels.rotation else "center"}
+    turned |= {"va": "bottom", "rotation_mode": "anchor", "fontsize": labels.points}
+    for x, name in enumerate(labels.columns):
+        figure.text(left + (x + 0.5) * across, top + pad, name, **turned)
+    for y, name in enumerate(labels.rows):
+        at = top - (y + 0.5) * down
+        figure.text(left - pad, at, name, ha="right", va="center_baseline", fontsize=_LARGE, **how)
+    how |= {"color": MUTED, "fontsize": _LARGE, "ha": "center", "va": "bottom", "rotation_mode": "anchor"}
+    if labels.across:
+        lean = math.radians(labels.rotation)
+        wide = max((width_of(name, labels.points) for name in labels.columns), default=0.0) if lean else 0.0
+        above = top + pad + wide * math.sin(lean) + labels.points * math.cos(lean) / 72 + 0.03
+        figure.text(left + across * len(labels.columns) / 2, above, labels.across, **how)
+    if labels.down:
+        aside = left - pad - max((width_of(name, _LARGE) for name in labels.rows), default=0.0) - 0.06
+        figure.text(aside, top - down * len(labels.rows) / 2, labels.down, rotation=90, **how)
 
 
 def room(labels: Sequence[str]) -> float:

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 import unicodedata
 from collections import Counter
@@ -74,7 +75,8 @@ class Column:
 
     People read numbers times ``scale``, with ``digits`` and ``unit``; programs read raw numbers. A
     column that ``varies`` is hidden from people if all its cells are equal. Beside an estimate
-    people read its interval, its n or nothing, as ``beside`` says; programs read both.
+    people read its interval, its n or nothing, as ``beside`` says; programs read both. People read
+    no number below ``least``: that of a share is the noise of its estimate.
     """
 
     name: str = ""
@@ -85,6 +87,7 @@ class Column:
     signed: bool = False
     varies: bool = False
     beside: Literal["interval", "n", ""] = "interval"
+    least: float = -math.inf
 
     def shown(self, cell: Cell) -> str:
         """Return a cell of the column as people read it."""
@@ -107,7 +110,7 @@ class Column:
         return f"[{', '.join(self._digits(self.scale * end) for end in cell)}]"
 
     def _digits(self, value: float) -> str:
-        return f"{value:{'+' if self.signed else ''}.{self.digits}f}"
+        return f"{max(value, self.least):{'+' if self.signed else ''}.{self.digits}f}"
 
     def head(self, *, stacked: bool) -> str:
         """Return the column's name for a terminal."""

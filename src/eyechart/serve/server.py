@@ -141,10 +141,11 @@ class Server:
     async def health(self, request: web.Request) -> web.Response:
         """Return the status, the guardian, and the seconds since each model's last vote."""
         del request
+        frozen = self.guardian.frozen
         return _json(
             {
                 "status": "ok",
-                **to_json_fields(self.guardian.frozen, "guardian=digest committee threshold operating_point=point"),
+                **to_json_fields(frozen, "committee threshold", guardian=frozen.digest, operating_point=frozen.point),
                 "deadline_s": self.guardian.deadline_s,
                 "last_vote_s": {
                     spec: None if age is None else round(age, 1) for spec, age in self.guardian.since_votes().items()

@@ -28,7 +28,7 @@ from eyechart.frames import (
     Span,
     alone,
     draws_of,
-    encode,
+    encode_sound,
     open_bank,
 )
 from eyechart.records import build as build_record
@@ -368,4 +368,4 @@ def _files(folder: str, name: str, cameras: Sequence[str]) -> dict[str, str]:
 def encode_pictures(picture: ShownPictures) -> dict[str, bytes]:
     """Return a picture as PNGs by camera."""
     by_camera = picture if isinstance(picture, Mapping) else {MAIN: picture}
-    return {name: encode(one) for name, one in by_camera.items()}
+    return {name: encode_sound(one) for name, one in by_camera.items()}

@@ -12,7 +12,14 @@ from itertools import product
 
 from eyechart.errors import SpecError, counted, raising
 from eyechart.spaces.discrete import Discrete
-from eyechart.spaces.fields import AnswerField, Value, candidates_of, read_answer_fields, read_declared
+from eyechart.spaces.fields import (
+    AnswerField,
+    Value,
+    candidates_of,
+    read_answer_fields,
+    read_declared,
+    require_readable,
+)
 from eyechart.spaces.reader import READERS
 from eyechart.spaces.space import Answer, Decision, unparsed
 
@@ -155,7 +162,7 @@ class AnswerSpace(Discrete):
         """Build a space from plain values; raises SpecError that names the fault."""
         plain = dict(values) if isinstance(values, Mapping) else {}
         name = str(plain.pop("name", "answer"))
-        return answer_from(plain, "the prompt", name)
+        return _space_of(read_answer_fields(plain, "the prompt"), "the prompt", name)
 
 
 def answer_from(values: object, where: str, name: str, own: Discrete | None = None) -> AnswerSpace:
@@ -171,7 +178,13 @@ def answer_from(values: object, where: str, name: str, own: Discrete | None = No
                 f"{counted(len(fields), 'field')}: {', '.join(one.name for one in fields)}. Leave [action_space] out"
             )
         fields = (_with_values(fields[0], own),)
-    elif len(fields) > 1 and (bare := [one.name for one in fields if _is_bare(one)]):
+    with raising(SpecError, where, of=SpecError):
+        require_readable(fields)
+    return _space_of(fields, where, name)
+
+
+def _space_of(fields: Sequence[AnswerField], where: str, name: str) -> AnswerSpace:
+    if len(fields) > 1 and (bare := [one.name for one in fields if _is_bare(one)]):
         raise SpecError(f"{where}: answer field '{bare[0]}' needs values, because there are several fields")
     with raising(SpecError, where, of=SpecError):
         return AnswerSpace.of(name, fields)

@@ -7,7 +7,6 @@ is no failure.
 import re
 from collections.abc import Iterable, Iterator
 
-from eyechart.regexes import pattern
 from eyechart.spaces.space import PICTURE_ASKED_FOR
 
 _FAILURES = """
@@ -33,7 +32,7 @@ _ENDS = (
 )
 """What may follow: not "no image noise", "no picture of a lead", or "I can't see its edges"."""
 _CAME = r"(?:accessible|attached|available|given|included|loaded|opened|provided|received|sent|supplied|uploaded)"
-_NO_PICTURE = pattern(
+_NO_PICTURE = re.compile(
     rf"\b(?:no|missing|without (?:access to )?(?:(?:seeing )?(?:any|an?|the)\b)?)\s*\b{_PICTURE}\b{_ENDS}"
     rf"|\b{_PICTURE}\s+(?:(?:(?:is|was|are|were|has|have|could|can)(?:n't|not| not)|not)\s+(?:been |be )?{_CAME}"
     rf"|(?:(?:is|was|are|were)\s+)?(?:missing|unavailable|absent)|not found)\b"
@@ -46,16 +45,18 @@ _NO_PICTURE = pattern(
     re.IGNORECASE,
 )
 
-_BESIDES = pattern(rf"\b(?:previous|prior|earlier|last|next|rear|side|second)(?:[ -]view)?\s+{_KINDS}\Z", re.IGNORECASE)
+_BESIDES = re.compile(
+    rf"\b(?:previous|prior|earlier|last|next|rear|side|second)(?:[ -]view)?\s+{_KINDS}\Z", re.IGNORECASE
+)
 """Words before a picture that is not the current one."""
-_HAS_PICTURE = pattern(
+_HAS_PICTURE = re.compile(
     r"(?:(?:is|was|has|have|had|got|can|could|received?|sees?|saw|view|access|the|an?|any)\s)*"
     rf"{_PICTURE}(?:\s(?:is|was|has been))?(?:\s(?:{_CAME}|visible|present|seen|shown|readable|valid|found|exists))?",
     re.IGNORECASE,
 )
 """A field name that says that there is a picture."""
-_OF_PICTURE = pattern(rf"{_PICTURE}(?:\s(?:status|state|input|data))?", re.IGNORECASE)
-_NONE_CAME = pattern(rf"none|null|n/a|missing|unavailable|absent|not (?:been )?{_CAME}|not found")
+_OF_PICTURE = re.compile(rf"{_PICTURE}(?:\s(?:status|state|input|data))?", re.IGNORECASE)
+_NONE_CAME = re.compile(rf"none|null|n/a|missing|unavailable|absent|not (?:been )?{_CAME}|not found")
 """Values that say that a picture is missing, in the picture's own field."""
 
 
@@ -78,7 +79,7 @@ _MUCH = (
     r"(?:too|completely|entirely|totally|fully|all|pure|extremely|heavily|severely"
     r"|(?:almost|nearly) (?:completely|entirely|all|pure)?)"
 )
-_CANNOT_SEE = pattern(
+_CANNOT_SEE = re.compile(
     r"\b(?:can(?:no|')t|can not|could(?:n't| not)|unable to|not able to|impossible to|hard for me to)\s+"
     rf"(?:(?:\w+ly|really|even)\s+)?{_SEE}\s+"
     rf"(?:anything|much|enough|clearly|well|properly|details?|any (?:details?|features?|objects? clearly)"
@@ -92,7 +93,7 @@ _CANNOT_SEE = pattern(
     re.IGNORECASE,
 )
 """That the picture came and shows nothing: too dark, obscured, "I cannot make out the road"."""
-_NOT = pattern(r"(?:\bnot|n't|\bnever|\bno longer)\s+(?:\w+\s+)?\Z", re.IGNORECASE)
+_NOT = re.compile(r"(?:\bnot|n't|\bnever|\bno longer)\s+(?:\w+\s+)?\Z", re.IGNORECASE)
 
 
 def says_cannot_see(text: str) -> bool:

@@ -14,7 +14,6 @@ from typing import Literal, cast
 
 from eyechart.errors import SpecError, raising
 from eyechart.records import LARGEST, Name, build, parse_json, to_json_fields
-from eyechart.regexes import pattern
 from eyechart.spaces.failures import says_failed, says_no_picture
 from eyechart.spaces.linear_pattern import LinearPattern, TooLongText
 from eyechart.spaces.reader import READER, ActionNames, read_by, spelled
@@ -56,32 +55,32 @@ _VALUES_AT_MOST = 500
 _SIZE_AT_MOST = 10_000
 _LONGEST_NAME = 200
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-_WITH_UNIT = pattern(rf"({_NUMBER})\s*(.*)", re.DOTALL)
-_NOT_FINITE = pattern(r"[+-]?(?:nan|inf(?:inity)?)\b.*", re.IGNORECASE | re.DOTALL)
-_RANGE = pattern(rf"(<=?|>=?)\s*({_NUMBER})|({_NUMBER})\s*\.\.\s*({_NUMBER})")
+_WITH_UNIT = re.compile(rf"({_NUMBER})\s*(.*)", re.DOTALL)
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf(?:inity)?)\b.*", re.IGNORECASE | re.DOTALL)
+_RANGE = re.compile(rf"(<=?|>=?)\s*({_NUMBER})|({_NUMBER})\s*\.\.\s*({_NUMBER})")
 _MINUS = str.maketrans({"−": "-", "–": "-", "‐": "-", "‑": "-", "﹣": "-", "－": "-"})
-_FENCE = pattern(r"\s*```[\w-]*\s*(.*?)\s*```\s*", re.DOTALL)
+_FENCE = re.compile(r"\s*```[\w-]*\s*(.*?)\s*```\s*", re.DOTALL)
 _AROUND = " \t\r\n\"'`*"
-_VECTOR = pattern(r"[\[(][\d\s.,+\-eE()\[\]]*[\])]")
-_UNITS = pattern(
+_VECTOR = re.compile(r"[\[(][\d\s.,+\-eE()\[\]]*[\])]")
+_UNITS = re.compile(
     r"\s?(km/h|kmh|kph|mph|m/s\^?2?|ms|cm|mm|km|ft|feet|m|metres?|meters?|s|seconds?|rad(?:ians?)?|deg(?:rees?)?|[°º%])"
     r"(?![^\W_])",
     re.IGNORECASE,
 )
-_FURTHER_UNITS = pattern(
+_FURTHER_UNITS = re.compile(
     r"\s?(?:knots?|kts?|kn|mi(?:les?)?|yards?|yd|inch(?:es)?|min(?:utes?)?|h(?:ours?|rs?)?|percent|fps|"
     r"(?:kilo|centi|milli)?met(?:re|er)s?|kilomet(?:re|er)s?|g)\b"
 )
-_PER = pattern(r"\s?(?:/|per\b)\s?(?:\w+)", re.IGNORECASE)
+_PER = re.compile(r"\s?(?:/|per\b)\s?(?:\w+)", re.IGNORECASE)
 """What makes another unit of a unit: "5 m per second" is no 5 m."""
-_THOUSANDS = pattern(r"[ \u00a0\u202f\u2009'’_]\d{3}(?!\d)")
-_SIGN_WORD = pattern(r"\b(?:minus|negative)\s*\Z", re.IGNORECASE)
-_DENIED = pattern(
+_THOUSANDS = re.compile(r"[ \u00a0\u202f\u2009'’_]\d{3}(?!\d)")
+_SIGN_WORD = re.compile(r"\b(?:minus|negative)\s*\Z", re.IGNORECASE)
+_DENIED = re.compile(
     r"\b(?:not|n't|never|no longer|avoid|instead of|rather than|neither|nor|without)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z"
     r"|(?<=n't)\s+(?:[\w\"'`]+\s*){0,2}[:=]?\s*\Z",
     re.IGNORECASE,
 )
-_EXAMPLE = pattern(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
+_EXAMPLE = re.compile(r"\b(?:(?:for )?example|e\.g\.?|for instance|format)\s*[:,=]?\s*(?:```\w*\s*)?\Z", re.IGNORECASE)
 _SAID = r"(?:\s*(?:[:=]|\b(?:is|was|will be|should be|shall be|must be|becomes|to|of)\b))"
 _UNIT_SAID = r"(?:(?:is|are|was|given|measured|expressed|stated)\s+){0,3}(?:in\b\s*|\[\s*|\(\s*(?:in\b\s*)?)"
 _UNIT_ALONE = (
@@ -106,10 +105,10 @@ _UNIT_WORDS = {
     "mi/h": ("mph",),
 }
 """The beginnings of other spellings of units."""
-_PER_TIME = pattern(
+_PER_TIME = re.compile(
     r"\s?(?:/|per\b)\s?(?:s(?:ec(?:ond)?s?)?|min(?:ute)?s?|h(?:ou)?r?s?)(?:\^?2|²)?(?![^\W_])", re.IGNORECASE
 )
-_SQUARED = pattern(r"\s?(?:\^2|²|squared\b)")
+_SQUARED = re.compile(r"\s?(?:\^2|²|squared\b)")
 _OBJECT_AT_MOST = 20_000
 
 
@@ -119,11 +118,12 @@ class AnswerField:
 
     ``key`` leads by dots through a JSON object of the reply. ``pattern`` has one group. Without
     either the whole reply is the value, in words. ``values`` are the names of a name, or the ranges
-    of a number (``"< 2"``, ``"2..8"``), of which the first that holds counts. ``from_column`` is the
-    prompt column with the names that a frame allows. ``unit`` may follow a number, and no other
-    may. ``size`` counts the numbers of a vector, ``width`` those of each of its rows, where it must
-    have rows. ``brake``, ``proceed`` and ``mirror_pairs`` are
-    those of named actions, in terms of ``values``. Raises SpecError for a contradiction.
+    of a number (``"< 2"``, ``"2..8"``), of which the first that holds counts. A number in none of
+    them is no answer (``other_value``). ``from_column`` is the prompt column with the names that a
+    frame allows. ``unit`` may follow a number, and no other may. ``size`` counts the numbers of a
+    vector, ``width`` those of each of its rows, where it must have rows. ``brake``, ``proceed`` and
+    ``mirror_pairs`` are those of named actions, in terms of ``values``. Raises SpecError for a
+    contradiction.
     """
 
     name: Name
@@ -151,8 +151,10 @@ class AnswerField:
             raise SpecError(f"{self._said}: key '{self.key}' has an empty part; write for example key = \"plan.speed\"")
         if self.pattern is not None:
             LinearPattern(self.pattern, self._said)
-        if len(self.values) > _VALUES_AT_MOST or len(set(self.values)) != len(self.values):
-            raise SpecError(f"{self._said}: values must differ, and be at most {_VALUES_AT_MOST}")
+        if twice := next((one for one in self.values if self.values.count(one) > 1), None):
+            raise SpecError(f"{self._said}: values has '{twice}' twice; leave one out")
+        if len(self.values) > _VALUES_AT_MOST:
+            raise SpecError(f"{self._said} has {len(self.values)} values; write at most {_VALUES_AT_MOST}")
         self._require_kind()
         self._require_roles()
 
@@ -280,6 +282,50 @@ def read_answer_fields(values: object, where: str) -> tuple[AnswerField, ...]:
         )
         require_fields(fields)
     return fields
+
+
+def require_readable(fields: Sequence[AnswerField]) -> None:
+    """Raise SpecError for a value that no reply can be read as, or that every reply has.
+
+    Older prompts are read without it, since their runs had such values too.
+    """
+    for one in fields:
+        if one.kind == "number":
+            _require_each_held(one)
+        elif one.kind == "name" and len(one.values) == 1:
+            raise SpecError(
+                f"answer field '{one.name}' has one value, '{one.values[0]}', so that every answer is the same; write "
+                "its other values too, or leave the field out"
+            )
+
+
+def _require_each_held(field: AnswerField) -> None:
+    """Raise SpecError for a range of which every number is in an earlier one, or is too large."""
+    taken: list[tuple[_End, _End, str]] = [(_END[0], (-LARGEST, 0), ""), ((LARGEST, 1), _END[1], "")]
+    for one in field.values:
+        low, high = _ends(one)
+        before = [each for each in sorted(taken) if each[0] < high and low < each[1]]
+        left = low
+        for begin, end, _ in before:
+            left = max(left, end) if begin <= left else left
+        if left >= high:
+            named = " and ".join(f"'{name}'" for *_, name in before if name)
+            why = f"every number in it is in {named} before it, and the first range that holds counts"
+            why = why if named else f"numbers beyond {LARGEST:g} are not read"
+            raise SpecError(f"answer field '{field.name}': the range '{one}' never holds: {why}; {_MEND}")
+        taken.append((low, high, one))
+
+
+_End = tuple[float, int]
+"""An end of a range: a number, and 1 where the end lies just above it."""
+_END: tuple[_End, _End] = (-math.inf, 0), (math.inf, 1)
+_MEND = "put narrower ranges first, or leave it out"
+
+
+def _ends(text: str) -> tuple[_End, _End]:
+    """Return where a range of numbers begins and ends."""
+    least, most, strict = _bounds(text, "a range")
+    return (least, int(strict and least > -math.inf)), (most, int(not strict or most == math.inf))
 
 
 def require_fields(fields: Sequence[AnswerField]) -> None:
@@ -480,7 +526,7 @@ def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
     return tuple(meant), "\n".join((*rest, text[end:]))
 
 
-_PYTHON = pattern(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
+_PYTHON = re.compile(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
 """A Python dictionary without another inside."""
 
 
@@ -589,7 +635,7 @@ def _is_inside(inner: str, before: str, behind: str, *, followed: bool) -> bool:
     return inner[-1].isdigit() and re.match(r"[.,]\d|\s?[/×x*^]\s?\d|[eE][+-]?\d", behind) is not None
 
 
-_OR = pattern(r"\s*(?:to|until|through|or|and|,|/|\||\.{2,}|-)\s*(?:or\s+)?", re.IGNORECASE)
+_OR = re.compile(r"\s*(?:to|until|through|or|and|,|/|\||\.{2,}|-)\s*(?:or\s+)?", re.IGNORECASE)
 
 
 def _is_one_of_several(field: AnswerField, inner: str, behind: str) -> bool:

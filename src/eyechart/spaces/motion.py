@@ -104,7 +104,7 @@ def _alone(given: object) -> object:
             keys = printable(", ".join(map(repr, given))) or "none"
             keys = keys if len(keys) <= _KEYS else f"{keys[:_KEYS]}…"
             own = f"a {type(given).__name__} is no array of numbers; its keys are {keys}"
-            raise ValueError(f"{own}: {_ARRAY}, alone or as 'actions'; join its parts by np.concatenate(…, -1)")
+            raise ValueError(f"{own}: {_ARRAY}, alone or as 'actions'; {_of_several(given, arrays)}")
         given = given[arrays[0]]
     if isinstance(given, list | tuple) and len(given) > 1:
         others = any(one is None or isinstance(one, Mapping) for one in given)
@@ -113,6 +113,14 @@ def _alone(given: object) -> object:
             own = f"a {type(given).__name__} of {len(given)} ({parts}) is no array"
             raise ValueError(f"{own}; return the first alone, if it is the array (horizon, dimensions): [0]")
     return given
+
+
+def _of_several(given: Mapping[object, object], arrays: Sequence[object]) -> str:
+    """Return what to do with a dict of several values: take the motion out of it, or join its parts."""
+    whole = [name for name in ("actions", "action") if name in arrays and not isinstance(given[name], Mapping)]
+    if len(whole) == 1:
+        return f"""return x["{whole[0]}"] of it, if that is the array"""
+    return "join its parts by np.concatenate(…, -1)"
 
 
 def read_kind(word: str | None) -> Kind | None:

@@ -202,12 +202,29 @@ def binomial_tail(k: int, n: int, chance: float) -> float:
     return float(special.bdtrc(k - 1, n, chance))
 
 
-_SUMMED = 250
-"""Up to this number of trials a tail is summed, so that a rule's words need no scipy."""
+class _GrowingTail:
+    """P(X >= ``successes``) of a binomial X, exact, while trials and successes are added one by one.
 
+    Each step carries it on. To sum it anew for every number of trials takes a hundred times as long.
+    """
 
-def _summed_tail(k: int, n: int, chance: float) -> float:
-    return math.fsum(math.comb(n, i) * chance**i * (1 - chance) ** (n - i) for i in range(k, n + 1))
+    def __init__(self, rate: float) -> None:
+        self._rate, self._trials, self._successes = rate, 0, 0
+        self.at_least, self._one_less = 1.0, 0.0  # P(X >= successes), P(X = successes - 1)
+
+    def add_trial(self) -> None:
+        """Add a trial."""
+        self._trials += 1
+        self.at_least += self._rate * self._one_less
+        self._one_less *= (1 - self._rate) * self._trials / (self._trials - self._successes + 1)
+
+    def add_success(self) -> None:
+        """Ask for one success more."""
+        n, k, rate = self._trials, self._successes, self._rate
+        first = k == 0 or rate == 1
+        exactly = (1 - rate) ** (n - k) if first else self._one_less * (n - k + 1) / k * rate / (1 - rate)
+        self._successes, self._one_less = k + 1, exactly
+        self.at_least = self.at_least - exactly if k < n else 0.0
 
 
 @lru_cache(maxsize=1024)
@@ -220,12 +237,14 @@ def trials_needed(true_rate: float, chance: float, *, alpha: float = 0.05, power
     """
     if not 0 <= chance < true_rate <= 1 or not 0 < alpha < 1 or not 0 < power < 1:
         raise ValueError(f"no such design: {true_rate=} above {chance=}, {alpha=}, {power=}")
-    critical = 0  # the fewest successes that reject; it never falls as n grows
+    tests, finds = (_GrowingTail(rate) for rate in (chance, true_rate))
     for n in range(1, 100_001):
-        tail = _summed_tail if n <= _SUMMED else binomial_tail
-        while critical <= n and tail(critical, n, chance) > alpha:
-            critical += 1
-        if critical <= n and tail(critical, n, true_rate) >= power:
+        tests.add_trial()
+        finds.add_trial()
+        while tests.at_least > alpha:  # the fewest successes that reject never fall as trials are added
+            tests.add_success()
+            finds.add_success()
+        if finds.at_least >= power:
             return n
     raise ValueError(f"100 000 trials do not separate {true_rate=} from {chance=}")
 

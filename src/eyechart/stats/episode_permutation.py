@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from eyechart.records import to_json_fields
 from eyechart.stats.association import information_of_tables
 from eyechart.stats.statistic import TIE, Statistic, chunks, not_available
 
@@ -50,7 +49,8 @@ class _Strata:
 
     def detail(self) -> dict[str, object]:
         """Return the facts that a reader needs to judge the test."""
-        return to_json_fields(self, "episodes=sizes truncated_frames=truncated shifted_frames=shifted excluded")
+        counts = {"truncated_frames": self.truncated, "shifted_frames": self.shifted}
+        return {"episodes": list(self.sizes), **counts, "excluded": list(self.excluded)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

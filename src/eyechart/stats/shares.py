@@ -1,7 +1,7 @@
 """Kinds of statistics about a controller's motions: the fields that rules read."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from typing import TypeVar
 
@@ -19,7 +19,8 @@ class Share(Statistic):
     replacement. ``still`` names the numbers that never change; ``seeds`` counts the seeds.
 
     ``bytes`` is the share that other bytes of the same pictures change, if any; the lower end is
-    then of the rest. ``alike`` says that all answers are equal.
+    then of the rest. ``alike`` says that all answers are equal. ``with_noise`` is the share with the
+    noise of drawn answers in it.
     """
 
     episodes: int | None = None
@@ -32,6 +33,7 @@ class Share(Statistic):
     still: Sequence[str] | None = None
     seeds: int | None = None
     bytes: float | None = None
+    with_noise: float | None = None
     alike: bool = field(default=False, repr=False)
 
 
@@ -74,6 +76,12 @@ class LogDistance(Share):
     spread_of: str | None = None
     far_off: int | None = None
     far_off_of: Sequence[str] | None = None
+
+
+def shown_share(one: Statistic) -> Statistic:
+    """Return a share as people read it: what is below 0 is the noise of an estimate, and shown as 0."""
+    ends = None if one.ci is None else (max(0.0, one.ci[0]), max(0.0, one.ci[1]))
+    return one if one.value is None else replace(one, value=max(0.0, one.value), ci=ends)
 
 
 Kind = TypeVar("Kind", bound=Statistic)

@@ -15,7 +15,7 @@ from eyechart.ledger import Ledger
 from eyechart.limits import Usage, added
 from eyechart.manifest import BESIDE, LEDGER, RUN, EpisodesManifest, RunManifest
 from eyechart.models.prices import Prices, read_prices
-from eyechart.records import parse_json, plain
+from eyechart.records import JsonRecord, parse_json, to_json_fields
 from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import Statistic, UpperBound
 
@@ -37,28 +37,20 @@ Tell = Callable[[str], None]
 """Receives a line of progress for the user who waits."""
 
 
-class Score(Protocol):
-    """The results that a study computes from a run."""
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-
-
-class CheckpointSeries(Protocol):
+class CheckpointSeries(JsonRecord, Protocol):
     """The models of several runs in training order, and what changed from each to the next."""
 
     @property
     def replicated(self) -> bool:
         """Return whether nothing changed."""
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-
     def printed(self) -> "Iterator[Table | str]":
         """Yield tables and sentences."""
 
 
-S = TypeVar("S", bound=Score)
+S = TypeVar("S", bound=JsonRecord)
+"""The results that a study computes from a run."""
+
 HELD = {True: "holds", False: "FAILS", None: "cannot say"}
 """The first word of a check or a guard, as it is printed."""
 NO_DRIVES = dict.fromkeys(
@@ -118,7 +110,7 @@ class RunCosts:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return {"accounting": plain(self.accounts), "guards": plain(self.guards), "probes": plain(self.probes)}
+        return to_json_fields(self, "guards probes", accounting=self.accounts)
 
 
 @dataclass(frozen=True)

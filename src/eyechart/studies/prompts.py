@@ -24,7 +24,7 @@ from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
 from eyechart.planned_run import Bar, PlannedRun, RunAllowance, RunEnding, calls_ended, empty, forecast, moving
 from eyechart.prompts import PROMPTS
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.report.accounts import costs_table
 from eyechart.report.table import (
     MARK,
@@ -258,7 +258,7 @@ def run(
 
 
 @dataclass(frozen=True)
-class CellScore(KeyedRecord):
+class CellScore:
     """One model under one prompt and setting; ``holm`` has each p corrected over the model's cells.
 
     ``took`` is the cost of its calls; ``guards`` say whether the calls can be relied on.
@@ -275,7 +275,11 @@ class CellScore(KeyedRecord):
     holm: Mapping[str, float | None]
     took: Account
     guards: tuple[Guard, ...]
-    written = "cell=name model prompt max_tokens structured planned answered statistics holm accounting=took guards"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        names = "model prompt max_tokens structured planned answered statistics holm guards"
+        return to_json_fields(self, names, cell=self.name, accounting=self.took)
 
     @property
     def state(self) -> str:

@@ -6,7 +6,7 @@ Source: paper, section Constructive renderer-calibrated controller.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.rules import Axis, Clause, Rule, compared, there
 
@@ -37,16 +37,18 @@ ADMITS = Axis(
 
 
 @dataclass(frozen=True, slots=True)
-class ClauseResult(KeyedRecord):
+class ClauseResult:
     """A clause and the statistic that it reads of a model.
 
     ``passes`` is None where the statistic has no value: then no model is admitted.
     """
 
-    written = "clause=name least statistic.value statistic.n statistic.ci outcome"
-
     clause: Clause
     statistic: Statistic
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(self, "least outcome", clause=self.name) | to_json_fields(self.statistic, "value n ci")
 
     @property
     def name(self) -> str:

@@ -15,7 +15,6 @@ from eyechart.verdicts.depth import (
     DOSE,
     EXCHANGE,
     EXCHANGED,
-    HARDER,
     LARGE,
     MOVED,
     NUDGED,
@@ -43,11 +42,21 @@ from eyechart.verdicts.rules import (
 )
 from eyechart.verdicts.ruling import Ruling, p_value
 
-CONTENT = {
-    "content_shuffled": "another frame of the scenario",
-    "content_recoloured": "only the paint of the own vehicle",
-    "content_lead_absent": "only that the lead is gone",
+PICTURES = {
+    "shuffled": "another frame of the scenario",
+    "recoloured": "another paint of the own vehicle alone",
+    "lead_absent": "the lead's absence alone",
+    "lead_near": "the lead near",
+    "lead_far": "the lead far",
+    "scene": "a frame of another scenario",
+    "mirrored": "the reflected picture",
+    "blank": "a blank picture",
+    "noise": "noise in place of the picture",
+    "text_only": "no picture",
 }
+"""What a model is shown in place of its picture, in words."""
+
+CONTENT = {f"content_{name}": PICTURES[name] for name in ("shuffled", "recoloured", "lead_absent")}
 """The tests of content, and what each picture changes."""
 
 _CHANGES = ("bound_mirrored", "bound_lead_near", "bound_lead_far", f"bound_{ABSENT}")
@@ -115,14 +124,19 @@ _BLANK = p_below("bound_blank", ALPHA)
 _PRESENCE = p_below("presence", ALPHA)
 
 
+_FEW = f"less than {MARGIN} of the frames more than a repeat does"
+
+
 def _open_bound(found: NamedStatistics, name: str) -> str:
     """Say of an open bound that there is an effect, or how many frames would decide."""
     needed = frames_to_bound(found[name], _level(name))
+    what = PICTURES[name.removeprefix("bound_").removeprefix("content_")]
     if needed is None:
-        what = name.removeprefix("bound_").removeprefix("content_")
         return f"{what} changes its decision more than a repeat does, which supports no label"
-    return "no test decided; an effect of {2} is not excluded (about {0} frames would exclude or show it, {1})".format(
-        *needed, MARGIN
+    frames, likeness = needed
+    return (
+        f"no test decided; that {what} changes its decision on {MARGIN} of the frames or more is not excluded "
+        f"(about {frames} frames would exclude or show it, {likeness})"
     )
 
 
@@ -151,7 +165,7 @@ _REST = (
         "depth_associated",
         "depth_observational",
         (missing("depth_interventional"), p_below("depth_observational", ALPHA), UNFOLLOWED),
-        f"{HARDER}; no lead was moved to test it",
+        "its braking goes with the gap that frames happen to have; no lead was moved to test it",
     ),
     *(
         Rule(
@@ -179,25 +193,27 @@ _REST = (
         "scene_cue",
         "scene_cue",
         (p_below("scene_cue", ALPHA),),
-        "another scenario changes its answer more than another frame does",
+        "another scenario changes its answer more than another frame of its own scenario does; that the latter changes "
+        "it was not shown",
     ),
     Rule(
         "presence_only",
         "presence",
         (_PRESENCE, *NO_CONTENT, *_OF_CONTENT),
-        f"its decisions on real and blank pictures differ, and the effect of content is below {MARGIN}",
+        f"its decisions on real and blank pictures differ; other content that was tested changes them on {_FEW}",
     ),
     Rule(
         "refusal_effect",
         "presence_response",
         (p_below("presence_response", ALPHA), p_from("presence", ALPHA), *NO_CONTENT, *_OF_ALL),
-        "real and blank pictures differ in its outputs, not in its decisions",
+        "its outputs on real and blank pictures differ; that its decisions differ was not shown, and "
+        f"all else that was tested changes them on {_FEW}",
     ),
     Rule(
         "image_invariant",
         "bound_blank",
         (_BLANK, *NO_CONTENT, *_OF_ALL),
-        f"the effects of a blank picture and of content are both below {MARGIN}",
+        f"a blank picture changes its decision on {_FEW}, and so does all else that was tested",
     ),
     Rule(
         "undecided",

@@ -47,6 +47,8 @@ KIND_SHARES = {"near_far": FAR_SHARE, "near_drawn": 1.0, "drawn": 1.0, "drawn_fa
 KINDS = tuple(KIND_SHARES)
 
 HARDER = "it brakes harder where the lead is nearer"
+NEAR_FAR = "it brakes harder for the near lead than for the far one"
+"""What is said of the whole range, and what of its two ends alone."""
 
 
 def _bound(name: str, reads: str, holds: str, threshold: float, but: str, **more: object) -> Clause:
@@ -134,6 +136,14 @@ SHOWN: tuple[Clause, ...] = (
         for one in THIRDS
     ),
     _bound("order", "high", "<", ORDER_CUT, "that few comparisons come out the wrong way round is not shown"),
+    _bound(
+        "picture_before",
+        "high",
+        "<",
+        0.0,
+        "that the picture before moves its braking less than half as much is not shown",
+        untested=True,
+    ),
     compared(
         "unparsed_controls",
         "low",
@@ -264,7 +274,7 @@ def bound(found: NamedStatistics) -> str:
     """Return in words how many comparisons come out the wrong way round at most."""
     ends = found["order"].ci
     most = 100 if ends is None else math.ceil(100 * ends[1] - 1e-9)
-    return f"at most {most} of 100 comparisons the wrong way round"
+    return f"with at most {most} of 100 comparisons the wrong way round (bound of 95 %)"
 
 
 def named(places: Sequence[Place]) -> str:
@@ -272,7 +282,7 @@ def named(places: Sequence[Place]) -> str:
     where: dict[tuple[int, int], list[str]] = {}
     for place in places:
         where.setdefault((place.harder, place.frames), []).append(place.where)
-    return ", nor ".join(
+    return ", and ".join(
         f"{', '.join(names)}: {harder} of {frames}{' each' if len(names) > 1 else ''}"
         for (harder, frames), names in where.items()
     )
@@ -320,7 +330,7 @@ WORDS.update(
 DEPTH = Rule("depth", "order", (MOVED, *_HOLDS, _NO_HOLES, NO_OPEN_PLACE), f"{HARDER}, {{bound}}")
 
 RULES: tuple[Rule, ...] = (
-    Rule("content", "", (MOVED, UNFOLLOWED), f"{HARDER}, but {{but}}", broken=REFUTING),
+    Rule("content", "", (MOVED, UNFOLLOWED), f"{NEAR_FAR}, but {{but}}", broken=REFUTING),
     Rule(
         "undecided",
         "file",
@@ -329,7 +339,12 @@ RULES: tuple[Rule, ...] = (
     ),
     replace(DEPTH, label="depth_lateral", needs=(*DEPTH.needs, compared("lateral_earned", "value", ">=", 1.0))),
     DEPTH,
-    Rule("partial_depth", "holes", (MOVED, *_HOLDS, _HOLES), "brakes by distance, not {where}; elsewhere {bound}"),
-    Rule("depth_associated", "depth_interventional", (MOVED, UNFOLLOWED), f"{HARDER}; {{but}}", open_to=UNSHOWN),
+    Rule(
+        "partial_depth",
+        "holes",
+        (MOVED, *_HOLDS, _HOLES),
+        f"its braking answers to the lead on less than {MARGIN} of the frames {{where}}; elsewhere {HARDER}, {{bound}}",
+    ),
+    Rule("depth_associated", "depth_interventional", (MOVED, UNFOLLOWED), f"{NEAR_FAR}; {{but}}", open_to=UNSHOWN),
 )
 """The rules of a model that brakes harder for the nearer lead, in their order."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.verdicts.battery_rules import calibrated_rules
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, LATERAL, MARGIN, NET_ALPHA, NOT_JUDGED
 from eyechart.verdicts.rules import WORDS, Axis, Clause, NamedStatistics, Reading, Rule, compared, filled
@@ -75,15 +75,13 @@ VALIDITY = (
 
 
 @dataclass(frozen=True, slots=True)
-class StoppingPoint(KeyedRecord):
+class StoppingPoint:
     """Where a model's verdict was settled before its run ended.
 
     ``decided_by`` is the first of the claims that the calibrated ``label`` rests on, ``with_it``
     has the others. ``lateral`` is None where the ordinary lateral rules apply. ``calls`` counts the
     calls up to the stop, ``beyond`` those that were under way then and do not count.
     """
-
-    written = "rule=label decided_by with=with_it lateral lateral_by frames calls planned saved beyond"
 
     label: str
     decided_by: str
@@ -95,6 +93,11 @@ class StoppingPoint(KeyedRecord):
     beyond: int = 0
     interventional: bool = False
     with_it: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        counts = to_json_fields(self, "lateral lateral_by frames calls planned saved beyond")
+        return {"rule": self.label, "decided_by": self.decided_by, "with": list(self.with_it), **counts}
 
     @property
     def whole(self) -> bool:

@@ -103,26 +103,27 @@ LABELS: dict[str, Label] = {
         "It may be trusted with nothing: too few of its replies hold a decision.", own="–", early=("unscorable",)
     ),
     "depth_lateral": Label(
-        "It may be tried as a longitudinal and lateral advisor: its braking follows distance, and its turns are "
-        "exchanged when the picture is reflected.",
+        "It may be tried, on frames like these, as a monitor of the lead and an advisor on turns: its braking follows "
+        "distance, and its turns are exchanged when the picture is reflected.",
         "sees",
         meets=("depth",),
         answer="Yes",
     ),
     "depth": Label(
-        "It may be tried as a longitudinal hazard monitor; no lateral authority has been earned.",
+        "It may be tried, on frames like these, as a monitor of the lead; it has earned no authority to turn.",
         "sees",
         early=_NEARER,
         answer="Yes",
     ),
     "partial_depth": Label(
-        "Its braking follows distance, but not everywhere: no authority where it does not.",
+        "It has no authority in the named places, where its braking hardly answers to the lead; elsewhere its braking "
+        "follows distance.",
         "partly",
         "◕",
         answer="In part",
     ),
     "depth_associated": Label(
-        "Its braking goes with distance; what else goes with it was not excluded: no authority.",
+        "Its braking goes with distance; that it follows something else was not excluded: no authority.",
         "partly",
         "◕",
         otherwise="cannot say",
@@ -136,20 +137,21 @@ LABELS: dict[str, Label] = {
         answer="In part",
     ),
     "self_inconsistent": Label(
-        "It may be trusted with nothing: it does not repeat its own answer to the same picture.",
+        "It may be trusted with nothing: it repeats its answer to a picture hardly more often than chance would.",
         "blind",
         answer="No",
         nearest=_SHOWN,
     ),
     "scene_cue": Label(
-        "It recognises the kind of scene, not this picture: no authority over motion.",
+        "It tells kinds of scene apart; that it uses more of the picture was not shown: no authority over motion.",
         "partly",
         otherwise="fails if bounded",
         answer="No",
         nearest=_SHOWN,
     ),
     "presence_only": Label(
-        "It notices whether there is a picture, not what is in it: no authority over motion.",
+        "It notices whether there is a picture; what is in it changes its decision on less than "
+        f"{MARGIN} of the frames: no authority over motion.",
         "partly",
         "◔",
         answer="No",
@@ -157,14 +159,15 @@ LABELS: dict[str, Label] = {
         nearest=_SHOWN,
     ),
     "refusal_effect": Label(
-        "It only refuses some non-pictures; its decisions do not come from the camera.",
+        "It refuses some non-pictures; what a picture shows changes its decision on less than "
+        f"{MARGIN} of the frames: no authority.",
         "blind",
         answer="No",
         early=("presence_response", "bound_blank_kept", *_BLIND),
         nearest=_PRESENT,
     ),
     "image_invariant": Label(
-        "Its decisions do not come from the camera: no authority that needs one.",
+        f"The camera changes its decision on less than {MARGIN} of the frames: no authority that needs one.",
         "blind",
         answer="No",
         early=("bound_blank", "bound_blank_response", *_BLIND),
@@ -175,9 +178,13 @@ LABELS: dict[str, Label] = {
 """The calibrated labels, in the order of their rules."""
 
 LATERAL: dict[str, Label] = {
-    "turns_clear": Label("Where exactly one side is clear its turns go there.", meets=("swaps",)),
-    "swaps": Label("It exchanges its directions under reflection.", early=("swaps_rate", "swaps_pairing")),
-    "does_not_swap": Label("It does not exchange its directions under reflection.", early=("no_swaps",)),
+    "turns_clear": Label(
+        "Where exactly one side is clear, more of its turns go there than chance would give.", meets=("swaps",)
+    ),
+    "swaps": Label(
+        "It exchanges half of its directions under reflection, or more.", early=("swaps_rate", "swaps_pairing")
+    ),
+    "does_not_swap": Label("It exchanges less than half of its directions under reflection.", early=("no_swaps",)),
     "one_sided": Label("It gives one direction only, whichever side the picture shows."),
     "no_power": Label(
         "It gives too few directions to tell whether it exchanges them.", otherwise="cannot say", early=("few_turns",)
@@ -187,14 +194,14 @@ LATERAL: dict[str, Label] = {
 """The lateral labels."""
 
 ADMITTED: dict[str, Label] = {
-    "admitted": Label("It meets every clause: its scenes may steer.", "sees"),
-    "not_admitted": Label("It fails a clause: its scenes may not steer.", "blind"),
+    "admitted": Label("It meets every clause on this bank: its scenes may be tried in a simulator.", "sees"),
+    "not_admitted": Label("It fails a clause on this bank: its scenes may not steer.", "blind"),
     "admission_cannot_be_said": Label("What a clause asks for was not measured.", otherwise="cannot say"),
 }
 """The labels of an estimator."""
 
 SIGHT: dict[str, Label] = {
-    "by_camera": Label("drives by what it sees", "sees"),
+    "by_camera": Label("its driving depends on what its camera shows", "sees"),
     "in_part": Label("its pictures matter in part", "partly"),
     "unsteady": Label("its drives differ"),
     "by_nothing_seen": Label("drives the same without its pictures", "blind"),
@@ -250,14 +257,14 @@ class UseLabel(Label):
 
 CAMERA: dict[str, UseLabel] = {
     "object_grounded": UseLabel(
-        "It goes where the object that it is told to reach goes in the picture.",
+        "If the object that it is told to reach is moved in the picture, its motion goes along.",
         "sees",
         meets=("camera_content",),
         answer="Yes",
         rank=4,
     ),
     "camera_content": UseLabel(
-        "What the picture shows decides, beyond what the state tells.", "sees", answer="Yes", rank=3
+        "What the picture shows changes its motion, beyond what the state tells.", "sees", answer="Yes", rank=3
     ),
     "uses_camera": UseLabel(
         "It uses the camera; whether for more than its own pose is open.",
@@ -268,21 +275,21 @@ CAMERA: dict[str, UseLabel] = {
         may_be_more=True,
     ),
     "pose_only": UseLabel(
-        "Of the picture it uses only what its own state tells as well.",
+        "Of the picture it uses hardly more than what its own state tells as well.",
         "partly",
         answer="In part",
         rank=2,
         advice="train with objects in more places: what it sees now tells it only where its own arm is.",
     ),
     "camera_presence": UseLabel(
-        "It matters that there is a picture, not what it shows.",
+        "It matters that there is a picture; what it shows hardly changes anything.",
         "partly",
         answer="No",
         rank=1,
         advice="train with pictures that differ where the action does.",
     ),
     "ignores_camera": UseLabel(
-        "The picture could be another episode's, or none, and hardly anything would change.",
+        "The picture could be another episode's, or grey, and hardly anything would change.",
         "blind",
         answer="No",
         rank=0,

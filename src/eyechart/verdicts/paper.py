@@ -35,7 +35,7 @@ PAPER = Axis(
             "not_scorable",
             "unparsed_rate",
             (compared("unparsed_rate", "value", ">", PAPER_UNPARSED, untested=True),),
-            f"above {PAPER_UNPARSED}",
+            f"more than {PAPER_UNPARSED} of all calls hold no decision",
         ),
         Rule(
             "not_scorable",
@@ -44,8 +44,13 @@ PAPER = Axis(
             "fewer than two conditions were asked: there is nothing to compare",
             quiet=True,
         ),
-        Rule("image_invariant", "cramers_v", (_ALIKE,), "no answer depends on the condition"),
-        Rule("refusal_effect", "cramers_v.decision", (_REFUSES,), "only outputs differ"),
+        Rule("image_invariant", "cramers_v", (_ALIKE,), "that its answer depends on the condition is not significant"),
+        Rule(
+            "refusal_effect",
+            "cramers_v.decision",
+            (_REFUSES,),
+            "that its outputs depend on the condition is significant, that its decisions do is not",
+        ),
         Rule(
             "self_inconsistent",
             "clears_floor",
@@ -57,7 +62,7 @@ PAPER = Axis(
             Rule("presence_only", "gap_order", (clause,), _UNGRADED)
             for clause in (*(missing(clause.statistic) for clause in _FOLLOWS), missing("gap_order", "value"))
         ),
-        Rule("presence_only", says="the action does not follow the gap", broken=_FOLLOWS, worst=True),
+        Rule("presence_only", says="that its action follows the gap is not significant", broken=_FOLLOWS, worst=True),
         Rule("presence_only", "gap_order", (_FARTHER,), "it does not brake nearer than it proceeds"),
         Rule("depth_lateral", "mirror_swap_rate", (_SWAPS,), "directions are exchanged under reflection"),
         Rule("depth", "mutual_information.decision", says="the action follows the gap"),

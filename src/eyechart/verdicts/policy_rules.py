@@ -272,14 +272,12 @@ class _CameraRules:
     def unshown(self) -> Iterator[Rule]:
         """Yield the rules of pictures that may be another episode's, or none."""
         grey, needs = self.share("blank"), (*disuse(self.swap), *disuse(self.share("matched"), may_lack=True))
-        words = (
-            f"{self.what} could be unplugged{{unnoticed:{self.channel}}} ({self.shown}; grey pictures {{share:{grey}}})"
-        )
+        shown = f"{self.shown}, and grey pictures change {{share:{grey}}}"
+        words = f"{shown}: both are below {IGNORED}{{responds:{self.channel}}}"
         gone = Rule("ignores_camera", self.swap, (*needs, *disuse(grey)), words)
-        shown = f"{self.shown}, and grey pictures {{share:{grey}}}"
         yield from _absence(gone, "responds", self.channel, shown, self.beside)
-        shown = f"{self.shown}, but grey pictures {{share:{grey}}}"
-        says = f"{shown}: that there is a picture matters, not which of these it is"
+        shown = f"{self.shown}, but grey pictures change {{share:{grey}}}"
+        says = f"{shown}: that there is a picture matters, and which of these it is hardly does"
         there_ = Rule("camera_presence", grey, (*needs, *use(grey)), says)
         yield from _absence(there_, "responds.shown", self.channel, shown, self.beside)
         open_ = f"{{without:{grey.removeprefix('T.')}|settled:{grey}|why_open:{grey}}}"
@@ -377,10 +375,10 @@ def _degrees(one: FollowedShare) -> str:
     return f"{math.degrees(math.acos(max(-1.0, one.heading or 0.0))):.0f}"
 
 
-def _unnoticed(found: ShareStatistics, channel: str) -> str:
-    """Return that nobody would notice, of a deterministic policy of which no episode responds."""
+def _responds(found: ShareStatistics, channel: str) -> str:
+    """Return that no episode responds, of a policy whose answers are not drawn."""
     drawn, some = found[f"T.swapped@{channel}"].p is not None, found[f"responds@{channel}"].value
-    return "" if drawn or some else " without anybody noticing"
+    return "" if drawn or some else f", and no episode was found that responds by {IGNORED} or more"
 
 
 WORDS |= {
@@ -388,7 +386,7 @@ WORDS |= {
     "still": _still,
     "few": _few,
     "rest": lambda found, channel: "; of the other moments nothing is said" if _few(found, channel) else "",
-    "unnoticed": _unnoticed,
+    "responds": _responds,
     "own": _own,
     "settled": lambda found, name: f"grey ones change {share(found[name])}" if is_conclusive(found[name]) else "",
     "also": lambda found, name: (
@@ -475,7 +473,7 @@ def _of_state() -> Iterator[Rule]:
     yield undecided(swap, (fail(use(swap)),), f"{shown}: {{why_open:{swap}}}")
     blind, short = (
         compared("ignores_camera", "value", ">=", 1.0),
-        f"{shown}, and its cameras next to nothing{{hears:{_HEARS}}}",
+        f"{shown}, and its cameras less than {IGNORED}{{hears:{_HEARS}}}",
     )
     yield Rule("state_shortcut", swap, (blind,), short, bound="responds@cameras")
     yield Rule("state_used", swap, (), shown)

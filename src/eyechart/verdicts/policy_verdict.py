@@ -16,6 +16,7 @@ from eyechart.verdicts.policy_rules import AxisVerdict, condition_of, judged, of
 from eyechart.verdicts.rules import WORDS, Axis, Clause, Reading, Rule, compared, fail, there, word
 from eyechart.verdicts.ruling import Ruling, card
 from eyechart.verdicts.share_predicates import (
+    ALPHA,
     EVERYTHING,
     FOLLOWED,
     IGNORED,
@@ -27,7 +28,7 @@ from eyechart.verdicts.share_predicates import (
     Statistics,
     disuse,
     every,
-    fails,
+    fails_on,
     following,
     measured,
     sentence,
@@ -138,7 +139,9 @@ class PolicyVerdict:
             "instruction": self.instruction.label,
             "guards": list(self.guards),
             "because": self.because,
-            "channels": {name: to_json_fields(channel, "T=value ci n") for name, channel in self.channels.items()},
+            "channels": {
+                name: to_json_fields(channel, "ci n", T=channel.value) for name, channel in self.channels.items()
+            },
             "answer": self.answer,
             "holes": [],
             "axes": plain(self.axes),
@@ -167,12 +170,13 @@ def judge_policy(
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
     remarks = [f"{left} calls are unfinished: what is said of part of a run may change"] if left else []
-    remarks += _fails_on(asked.failing)
     guarded = UNGUARDED.evaluate(known)
     nothing = judged(guarded)
     if failed:
         nothing = AxisVerdict("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
-    if failed or guarded.label != HOLDS:
+    is_judged = not failed and guarded.label == HOLDS
+    remarks += _fails_on(asked.failing, is_judged=is_judged)
+    if not is_judged:
         single = dict.fromkeys(names, nothing)
         return PolicyVerdict(model, nothing, single, nothing, nothing, failed, shares, scope, tuple(remarks))
 
@@ -210,8 +214,8 @@ def _alone(name: str, ignored: Sequence[str]) -> str:
     if name not in ignored or not others:
         return ""
     return (
-        f"that is said of it alone, while the others are there: so could {others}, and that they could together is not "
-        "said, since they may tell the same"
+        f"that is said of it alone, while the others are there: {others} could be exchanged too, but whether all could "
+        "together is open, since they may show the same"
     )
 
 
@@ -281,10 +285,14 @@ UNLIKE = Clause("misfit", (Reading("offset", ">", OFFSET), Reading("spread", ">"
 _MOTIONS = compared("motions", "value", "<", 1 - UNSCORABLE, untested=True)
 _ODD = "a skipped normalisation, another action space, or a policy that is hardly trained"
 _INSTANTS = "with the instants that it is given; a policy that needs earlier ones declares history"
+_VARIES = f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_INSTANTS}"
+# Answers whose very noise is that small are constant; greater noise hides whether they are.
+_HARDLY, _STILL = (compared("variation", reads, "<", CONSTANT) for reads in ("value", "with_noise"))
+_MOVES = Clause("variation", (Reading("with_noise", ">=", CONSTANT, otherwise=True),))
 _SWAP, _NUDGED = "T.swapped@cameras", "T.nudged"
 _BY_BYTES = "{share:T.nudged} of its variation goes with one value of its pictures that is one level off"
 _NOT_SHOWN = (
-    "and that another episode's change more is not shown ({way:T.swapped@cameras}): it answers by the bytes of its "
+    "and that another episode's change more is not shown ({share:T.swapped@cameras}): it answers by the bytes of its "
     "pictures, as a cache or a hash of them does, or with noise that hangs on them and hides what it sees"
 )
 
@@ -296,13 +304,11 @@ GUARDING = Axis(
             "misfit",
             "misfit",
             (UNFIT, UNLIKE),
-            f"its error is {{size:misfit}} of the log's variance, and {{unlike:misfit}}: {_ODD}",
+            f"its error is {{size:misfit}} times the log's variance, and {{unlike:misfit}}: {_ODD}",
         ),
+        Rule("constant", "variation", (_HARDLY, _STILL), _VARIES),
         Rule(
-            "constant",
-            "variation",
-            (compared("variation", "value", "<", CONSTANT),),
-            f"it varies {{value:variation}} times as much as the log between episodes, below {CONSTANT}, {_INSTANTS}",
+            "constant", "variation", (_HARDLY, Clause("noise", (Reading("value", "<=", INCONSISTENT, True),))), _VARIES
         ),
         Rule(
             "constant", "noise", (compared("noise", "alike", ">=", 1.0),), f"its answers are all the same {_INSTANTS}"
@@ -310,13 +316,16 @@ GUARDING = Axis(
         Rule(
             "self_inconsistent",
             "noise",
-            (compared("noise", "value", ">", INCONSISTENT),),
+            (compared("noise", "value", ">", INCONSISTENT), _MOVES),
             "{percent:noise} of its variation is there when nothing changes at all, on {n:noise} frames",
         ),
         Rule(
             "self_inconsistent",
             _NUDGED,
-            (compared(_NUDGED, "value", ">", INCONSISTENT),),
+            (
+                compared(_NUDGED, "value", ">", INCONSISTENT),
+                Clause(_NUDGED, (Reading("p", "<=", ALPHA, otherwise=True),)),
+            ),
             f"{_BY_BYTES}: it answers by the bytes of its pictures more than by what they show",
         ),
         Rule(
@@ -395,11 +404,11 @@ def _unguarded() -> Iterator[Rule]:
 UNGUARDED = Axis("unguarded", tuple(_unguarded()))
 
 
-def _fails_on(failing: Mapping[str, tuple[int, int]]) -> Iterator[str]:
-    """Say which computed pictures a policy fails on, and that it is judged by the others."""
-    if failing:
-        said = ", and ".join(fails(name, *counts) for name, counts in failing.items())
-        yield sentence(f"{said}: what it would do there is not known, and it is judged by its other answers", end="")
+def _fails_on(failing: Mapping[str, tuple[int, int]], *, is_judged: bool) -> Iterator[str]:
+    """Say which computed pictures a policy fails on, and what it is judged by, if by anything."""
+    if said := fails_on(failing):
+        rest = "and it is judged by its other answers" if is_judged else "and its other answers are not judged either"
+        yield sentence(f"{said}: what it would do there is not known, {rest}", end="")
 
 
 def _left_out(motions: Statistic, missing: Mapping[str, int]) -> Iterator[str]:
@@ -449,7 +458,7 @@ REMARKS = (
         UNLIKE,
     ),
     _remark(
-        "its error is {size:misfit} of the log's variance: it does something else than was logged, so that what it "
+        "its error is {size:misfit} times the log's variance: it does something else than was logged, so that what it "
         "uses may be put to no good use",
         UNFIT,
     ),

@@ -45,8 +45,8 @@ def measured(name: str, one: Statistic | None) -> str:
 
 
 def figures(one: Statistic) -> str:
-    """Return the value, interval, n and p of a statistic in words."""
-    interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}]"
+    """Return the value, interval with its level, n and p of a statistic in words."""
+    interval = "" if one.ci is None else f" [{one.ci[0]:.3f}, {one.ci[1]:.3f}] ({100 * one.level:g} %)"
     return f"{number(one)}{interval}, n = {one.n}{and_p(one)}"
 
 

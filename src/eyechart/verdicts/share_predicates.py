@@ -5,10 +5,10 @@ Why these rules: docs/decisions/policies.md.
 
 import math
 import shlex
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
-from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind
+from eyechart.stats.shares import FollowedShare, LogDistance, Share, of_kind, shown_share
 from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.rules import WORDS, Clause, Reading, Rule, word
 
@@ -95,13 +95,46 @@ class ShareStatistics(dict[str, Share]):
         """Return in words which of some conditions the run did not ask, or the policy fails on."""
         names = [name for name in conditions if self[f"asked.{name}"].value == 0]
         unasked = [f"the run did not ask {', '.join(names)}"] if names else []
-        failing = [one.note for name in conditions if (one := self[f"asked.{name}"]).value]
-        return ", and ".join((*unasked, *failing))
+        failing = {name: one for name in conditions if (one := self[f"asked.{name}"]).value}
+        return ", and ".join(
+            (*unasked, *_failing({name: (one.value or 0.0, one.note) for name, one in failing.items()}))
+        )
 
 
 def fails(condition: str, empty: int, calls: int) -> str:
     """Return in words on how many pictures of a condition a policy fails."""
-    return f"it fails on {empty} of {calls} {condition} pictures"
+    return f"it fails on {empty} of {calls} {pictures(condition)}"
+
+
+def pictures(condition: str) -> str:
+    """Return the pictures of a condition in words: ``told_named_plus`` has those of a moved object."""
+    base, _, camera = condition.partition("@")
+    which = base.removeprefix("told_").partition("_")[0]
+    words = f"pictures with the {which} object moved" if which in {"named", "other"} else _PICTURES.get(base, base)
+    words = words if words.startswith("pictures") else f"{words} pictures"
+    words += " and another instruction" if base.startswith("told_") else ""
+    return f"{words} of the {camera} camera" if camera else words
+
+
+_PICTURES = {"exchanged": "pictures with exchanged colours", "decoys": "pictures with further objects"}
+"""The pictures of conditions whose name is no word for them."""
+
+
+def fails_on(failing: Mapping[str, tuple[int, int]]) -> str:
+    """Return in one clause on which computed pictures a policy fails; empty for none.
+
+    ``failing`` has by condition the calls without a motion, and all. Of several the worst is named.
+    """
+    counted = {name: (empty / calls, fails(name, empty, calls)) for name, (empty, calls) in failing.items()}
+    return "".join(_failing(counted))
+
+
+def _failing(many: Mapping[str, tuple[float, str]]) -> Iterator[str]:
+    """Yield one clause on some conditions, each with the share of its failures and its own clause."""
+    if many:
+        _, worst = many[min(many, key=lambda name: (-many[name][0], name))]
+        kinds = f"it fails on {len(many)} kinds of computed pictures, at worst on"
+        yield worst if len(many) == 1 else worst.replace("it fails on", kinds, 1)
 
 
 _FEW_LOST = Reading("lost", "<=", UNSCORABLE, otherwise=True)
@@ -218,7 +251,9 @@ def unfollowed(one: Share) -> str:
         return gone
     if isinstance(one, FollowedShare) and one.smallest_p is not None and one.smallest_p >= ALPHA:
         return "below seven episodes no test can tell"
-    return "p is not below .01" if one.p is None or one.p >= ALPHA else "its lower end is too low"
+    if one.p is None or one.p >= ALPHA:
+        return "p is not below .01"
+    return "it has no interval" if one.ci is None else "its lower end is too low"
 
 
 @word
@@ -235,15 +270,15 @@ def why_open(one: Share) -> str:
         return f"{alone}: what goes beyond that is not above {USED}, and the whole not below {IGNORED}"
     if one.p is not None and one.p > ALPHA and one.ci is not None and one.ci[0] > USED:
         return f"its answers are drawn, and such a difference can come by chance (p {one.p:.3f})"
-    return f"the interval is neither above {USED} nor below {IGNORED}; more episodes make it shorter"
+    interval = "there is no interval" if one.ci is None else f"the interval is neither above {USED} nor below {IGNORED}"
+    return interval if one.ci is None else f"{interval}; more episodes make it shorter"
 
 
 @word
 def share(one: Share) -> str:
     """Return a share in words; below 0 it is noise, and above 1 it is no percentage."""
     if one.value is not None and one.value < 0:
-        ends = None if one.ci is None else (max(0.0, one.ci[0]), max(0.0, one.ci[1]))
-        one = replace(one, value=0.0, ci=ends)
+        one = as_read("", shown_share(one))
     if one.value is None or (one.value <= 1 and (one.ci is None or one.ci[1] <= 1)):
         return way(one)
     if one.value <= 1 and one.ci is not None:
@@ -253,10 +288,10 @@ def share(one: Share) -> str:
 
 @word
 def of_action(one: Share) -> str:
-    """Return a share in words, with "of the action"."""
+    """Return a share in words, with what it is of: how the action varies between moments."""
     if one.value is None or one.value <= 1:
-        return f"{share(one)} of the action"
-    return f"all of the action (T {one.value:.2f}{_ends(one)}; another moment has T 1)"
+        return f"{share(one)} of the action's variation"
+    return f"all of the action's variation (T {one.value:.2f}{_ends(one)}; another moment has T 1)"
 
 
 def _ends(statistic: Statistic) -> str:

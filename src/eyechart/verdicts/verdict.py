@@ -7,7 +7,7 @@ from functools import partial
 from eyechart.conditions import BATTERY
 from eyechart.frames import Provenance
 from eyechart.integrity import Guard, unfinished
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.stats.episode_permutation import episodes_needed
 from eyechart.stats.paired_tests import BoxedTurns, Place, SignTest
 from eyechart.stats.statistic import Statistic
@@ -35,7 +35,7 @@ CONSTANT = ("image_invariant", "refusal_effect", "not_scorable", "undecided")
 
 
 @dataclass(frozen=True)
-class Verdict(KeyedRecord):
+class Verdict:
     """What a model's answers support under both sets of rules; the headline is ``calibrated``.
 
     ``lateral`` is an axis of its own; ``trust`` and ``scope`` are one sentence each. ``print`` it
@@ -50,14 +50,6 @@ class Verdict(KeyedRecord):
     braking does not answer to the lead, ``open_to`` what a label of depth does not exclude, and
     ``numbers`` those that depth rests on.
     """
-
-    written = (
-        "answer paper=paper.label calibrated=calibrated.label holes lateral=lateral.label evidence made "
-        "rests_on_controls calibrated.because "
-        "calibrated.decided_by paper_because=paper.because paper_decided_by=paper.decided_by "
-        "lateral_because=lateral.because trust scope notes failed_guards=marks unfinished=counted "
-        "stopped_early=stopped why_not"
-    )
 
     model: str
     paper: Ruling
@@ -76,6 +68,23 @@ class Verdict(KeyedRecord):
     open_to: tuple[str, ...] = ()
     numbers: tuple[DepthNumber, ...] = ()
     made: Provenance = "rendered"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return {
+            "answer": self.answer,
+            "paper": self.paper.label,
+            "calibrated": self.calibrated.label,
+            "lateral": self.lateral.label,
+            **to_json_fields(self.calibrated, "because decided_by"),
+            "paper_because": self.paper.because,
+            "paper_decided_by": self.paper.decided_by,
+            "lateral_because": self.lateral.because,
+            **to_json_fields(self, "holes evidence made rests_on_controls trust scope notes why_not"),
+            "failed_guards": list(self.marks),
+            "unfinished": self.unfinished and dict(zip(("finished", "planned"), self.unfinished, strict=True)),
+            "stopped_early": self.stopped and self.stopped.as_dict(),
+        }
 
     @property
     def rests_on_controls(self) -> bool:
@@ -100,14 +109,6 @@ class Verdict(KeyedRecord):
             return ""
         answered, planned = self.unfinished  # a shard whose own calls are all answered lacks its controls
         return f"{answered} of {planned} calls{'' if answered < planned else ', controls not asked'}"
-
-    @property
-    def counted(self) -> dict[str, int] | None:
-        """Return the same counts by their names."""
-        if self.unfinished is None:
-            return None
-        finished, planned = self.unfinished
-        return {"finished": finished, "planned": planned}
 
     @property
     def headline(self) -> str:
@@ -238,8 +239,8 @@ def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[st
         said.append(LATERAL[lateral.label].says)
     elif beware:
         said.append(f"Beware: {beware}.")
-    if LABELS[label].family == "sees" and not_excluded:
-        said.append("Part of what was tested stays open.")
+    if not_excluded and (LABELS[label].family == "sees" or label == "partial_depth"):
+        said.append("What is named as not excluded stays open.")
     return " ".join(said)
 
 
@@ -247,9 +248,7 @@ def _beware(label: str, lateral: Ruling, clear: Statistic) -> str:
     """Return in words that a model turns to the blocked side; empty where it was not shown to."""
     if not isinstance(clear, SignTest) or (label == "depth_lateral" and lateral.label == "turns_clear"):
         return ""
-    if _turns_blocked(clear):
-        return "its turns go to the blocked side"
-    if lateral.decided_by == "turns_against":
+    if _turns_blocked(clear) or lateral.decided_by == "turns_against":
         return f"{clear.losses} of its {clear.n} turns with one clear side go to the blocked side"
     return ""
 

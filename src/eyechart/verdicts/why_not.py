@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from eyechart.conditions import NUDGES
 from eyechart.frames import PATCHED
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.stats.agreement import trials_needed
 from eyechart.stats.episode_permutation import episodes_needed
 from eyechart.stats.paired_tests import SignTest
@@ -30,6 +30,7 @@ from eyechart.verdicts.rules import Clause, NamedStatistics
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
+_NOT_SHOWN = "nothing on frames like these: the test was made, and shows no effect, nor excludes one"
 _BOUNDED = f"nothing on frames like these: the effect of content is bounded below {MARGIN}"
 _DECISIONS = "replies that hold a decision: another output format, or a larger budget of tokens"
 MOVED = ("lead_near", "lead_far")
@@ -49,17 +50,13 @@ ANY = "any other"
 
 
 @dataclass(frozen=True, slots=True)
-class WhyNot(KeyedRecord):
+class WhyNot:
     """The nearest stronger label, the statistic that kept a model from it, and what settles it.
 
     ``frames``, ``episodes`` and ``conditions`` are what is missing; more frames are never named
     where a condition is. The p is that of the rule, corrected where the rule corrects it. ``first``
     is the first way of several that ``settle`` names.
     """
-
-    written = (
-        "label decided_by statistic.value statistic.ci statistic.n statistic.p needs settle frames episodes conditions"
-    )
 
     label: str
     decided_by: str
@@ -70,6 +67,12 @@ class WhyNot(KeyedRecord):
     episodes: int | None = None
     conditions: tuple[str, ...] = ()
     first: str = ""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        one = self.statistic
+        measured = to_json_fields(one, "value ci n p") if one else dict.fromkeys(("value", "ci", "n", "p"))
+        return to_json_fields(self, "label decided_by needs settle frames episodes conditions") | measured
 
     def __str__(self) -> str:
         return f"not {self.label}: {measured(self.decided_by, self.statistic)}; it needs {self.needs}"
@@ -90,7 +93,7 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     found, label, name = evidence.statistics, ruling.label, ruling.decided_by
     if label == "depth":
         return _not_lateral(found, lateral)
-    if evidence.stopped is not None:
+    if evidence.stopped is not None and not evidence.stopped.whole:
         return _stopped(evidence, label) if label in _EARLY else None
     made: dict[str, Callable[[], WhyNot]] = {
         "not_scorable": lambda: WhyNot(ANY, name, ruling.statistic, f"at most {UNPARSED_CUT}", _DECISIONS),
@@ -208,6 +211,8 @@ def _not_depth(evidence: Evidence) -> WhyNot:
         return replace(_by_clause("depth", clause, found, f"about {frames} frames with {PATCHED}"), frames=frames)
     elif clause is NO_OPEN_PLACE:
         settle = f"more frames {one.note}"
+    elif clause.statistic == "picture_before":
+        settle = "an answer to each picture of its own: no memory of earlier calls"
     elif clause.statistic == "unparsed_controls":
         settle = "decisions on edited pictures: it declines them more often than true ones may be"
     return _by_clause("depth", clause, found, settle)
@@ -284,4 +289,6 @@ def _frames(statistic: Statistic) -> tuple[str, int | None]:
             if need > frames:
                 break
             alpha /= 2  # its rule corrects it, for so many tests
-    return (NOTHING, None) if need is None else (f"about {need} frames, if the rest are like these {frames}", need)
+    if statistic.p is None:
+        return f"decisions that this test can compare: {statistic.note}", None
+    return (_NOT_SHOWN, None) if need is None else (f"about {need} frames, if the rest are like these {frames}", need)

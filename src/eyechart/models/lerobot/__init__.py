@@ -13,13 +13,14 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Lock, Thread, Timer
 
 import numpy as np
 
@@ -41,7 +42,9 @@ PROGRAM = Path(__file__).with_name("process.py")
 LOADING_S = 1800.0
 """The most seconds until a policy is loaded."""
 _DEVICES = re.compile(r"cpu|mps|(?:cuda|xpu)(?::\d+)?")
+_NAMED = f"name the Python that has LeRobot with --lerobot-python or as {PYTHON}"
 _GREETING_S = 60.0
+"""The most seconds until a Python says its versions."""
 _DYING_S = 5.0
 _SAID_LAST = 1500
 
@@ -92,10 +95,14 @@ class PolicyProcess:
         how = "was killed, as a system without memory does" if code == -9 else f"ended with exit code {code}"
         return f"its process {how}" + (f"; it printed last: {last}" if last else "")
 
+    def kill(self) -> None:
+        """End the process, with what its libraries began; what waits for it gets an error."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
     def close(self) -> None:
         """End the process at once."""
-        with suppress(ProcessLookupError):  # with what its libraries began
-            os.killpg(self._process.pid, signal.SIGKILL)
+        self.kill()
         self._process.wait()
         self._listener.join(1)
         held = (self._process.stderr,) if not self._listener.is_alive() else ()
@@ -238,12 +245,16 @@ def _versions(spec: str, python: str) -> dict[str, str]:
     try:
         process = PolicyProcess(python)
     except OSError as error:
-        raise SpecError(f"{PYTHON}='{python}' cannot be started: {error.strerror}") from error
+        raise SpecError(f"'{spec}': the Python '{python}' cannot be started: {error.strerror}; {_NAMED}") from error
+    late, begun = Timer(_GREETING_S, process.kill), time.monotonic()
+    late.start()
     try:
         found, _ = process.exchange({})
     except ProcessEndedError as error:
-        raise SpecError(f"'{spec}': the Python {python} does not answer: {error}") from error
+        why = f"it has not within {_GREETING_S:g} s" if time.monotonic() - begun >= _GREETING_S else str(error)
+        raise SpecError(f"'{spec}': the Python {python} does not answer: {why}; {_NAMED}") from error
     finally:
+        late.cancel()
         process.close()
     if not found.get("lerobot"):
         raise SpecError(f"'{spec}': the Python {python} has no LeRobot: '{python} -m pip install lerobot'")

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
-from eyechart.regexes import pattern
 from eyechart.spaces.reader import marks, quantities
 from eyechart.spaces.reader.marks import LETTERS as _WORD
 from eyechart.spaces.reader.marks import Mention
@@ -19,13 +18,13 @@ _UNSEEN = dict.fromkeys(
 _WIDE = {ord("！") + at: chr(ord("!") + at) + (" " if chr(ord("!") + at) in "!,.:;?" else "") for at in range(94)}
 _FOLDED = _QUOTES | _SIGNS | _ARROWS | _UNSEEN | _WIDE | dict.fromkeys(map(ord, "*`_"), " ")
 
-_STRUCK = pattern(r"~~[^~]{0,200}~~")
+_STRUCK = re.compile(r"~~[^~]{0,200}~~")
 _IDEOGRAPH = "\u3400-\u9fff"
 _ENDINGS = "ly|wards?|p?p?ing|t?ting"
 """English forms of a name with the same meaning: slowly, leftward, stopping."""
 _NAME_AT_MOST = 1000
-_LETTERS = pattern(r"\W*([^\W\d](?:[ .-][^\W\d]){1,30})\W*")
-_MINUS = pattern(r"(?<![\w)\]°º˚%])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
+_LETTERS = re.compile(r"\W*([^\W\d](?:[ .-][^\W\d]){1,30})\W*")
+_MINUS = re.compile(r"(?<![\w)\]°º˚%])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
 """A dash directly before a number, and after no word, is its sign."""
 
 
@@ -37,7 +36,7 @@ def fold(text: str) -> str:
     return _STRUCK.sub(" ", _MINUS.sub("-", text).translate(_FOLDED))
 
 
-_BOUND = pattern(r"\W*!\s?\w[^!]*\Z|(?![\s\"'(]*[-=]+>)[^\w]{0,20}(?:[-+≤≥≠≈~±]|[<>!]=?)[^\w]{0,20}\d")
+_BOUND = re.compile(r"\W*!\s?\w[^!]*\Z|(?![\s\"'(]*[-=]+>)[^\w]{0,20}(?:[-+≤≥≠≈~±]|[<>!]=?)[^\w]{0,20}\d")
 """A number after two signs or a bound, "- -2" or "> 3", is another; "!" negates what follows."""
 
 
@@ -156,12 +155,12 @@ def _united(names: ActionNames) -> tuple[tuple[str, str], ...]:
     )
 
 
-_SMALL_WORDS = pattern(
+_SMALL_WORDS = re.compile(
     r"(?<=[\s_-])(?:(?:to|on|onto|into|towards?|in|by)[\s_-]+(?=(?:the|your|my|an?)[\s_-]))?(?:the|your|my|an?|to)[\s_-]+"
     r"|(?<=[\s_-])(?:onto|into|towards?)[\s_-]+|(?<=[\s_-]lane)s(?=[\s_-])",
     re.IGNORECASE,
 )
-_FIRST_WORD = pattern(r"[^\W\d_]{2,}(?=[\s_-])")
+_FIRST_WORD = re.compile(r"[^\W\d_]{2,}(?=[\s_-])")
 
 
 def _loosely(text: str) -> str:

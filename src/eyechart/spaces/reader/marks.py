@@ -7,37 +7,37 @@ from decimal import Decimal
 from functools import lru_cache
 from itertools import islice
 
-from eyechart.regexes import pattern
-
 LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
 """Letters of scripts with spaces between words; next to another script, a name stands alone."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
-_HEAD = pattern(
+_HEAD = re.compile(
     r"(?:[\s\"'(\[{*`_.,;:]|<(?=[^<>]*>)|!(?=.*!))*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
     re.DOTALL,
 )
-_NAMED = pattern(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
-_TOKEN = pattern(
+_NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
+_TOKEN = re.compile(
     rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³°º˚%-])(?<!\w[-/:])(?<!\+/)(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
     rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[,/][+-]\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
 )
 _BETWEEN = r"[ \t]*(?:[-+/x×*^&·~]|\.{2,})?[ \t]*"
-_BESIDE_BEFORE = pattern(rf"(?:(?P<number>\d+){_BETWEEN}|(?:[≤≥≠≈~±]=?|(?:(?<![-=])[<>]|!)=|(?<![-=\w])[<>])[ \t]*)\Z")
-_BESIDE_AFTER = pattern(rf"{_BETWEEN}[+-]?(?P<number>\.?\d+)|[+^]")
+_BESIDE_BEFORE = re.compile(
+    rf"(?:(?P<number>\d+){_BETWEEN}|(?:[≤≥≠≈~±]=?|(?:(?<![-=])[<>]|!)=|(?<![-=\w])[<>])[ \t]*)\Z"
+)
+_BESIDE_AFTER = re.compile(rf"{_BETWEEN}[+-]?(?P<number>\.?\d+)|[+^]")
 """What makes a number part of something else: a second number, "3 – 5", or a bound, "≥ 3"."""
-SIGN_APART = pattern(r"(?:\b(?:minus|negative|neg\.?)[\s\"'(\[)\]:,]{1,4}|(?<![\w)])-[(\[{\"']+)\Z", re.IGNORECASE)
+SIGN_APART = re.compile(r"(?:\b(?:minus|negative|neg\.?)[\s\"'(\[)\]:,]{1,4}|(?<![\w)])-[(\[{\"']+)\Z", re.IGNORECASE)
 """A sign that is separated from its number: "-(1)", "minus (1)"."""
-_LISTED_BEFORE = pattern(rf"(?:^|[\n(\[:=])[ \t]*(?:{_NUMBER}[ \t]*,[ \t]*)*(?P<number>{_NUMBER})[ \t]*,[ \t]*\Z")
-_LISTED_AFTER = pattern(rf"[ \t]*,[ \t]*(?P<number>{_NUMBER})[ \t]*(?=[,)\]\n]|\.?[ \t]*\Z)")
+_LISTED_BEFORE = re.compile(rf"(?:^|[\n(\[:=])[ \t]*(?:{_NUMBER}[ \t]*,[ \t]*)*(?P<number>{_NUMBER})[ \t]*,[ \t]*\Z")
+_LISTED_AFTER = re.compile(rf"[ \t]*,[ \t]*(?P<number>{_NUMBER})[ \t]*(?=[,)\]\n]|\.?[ \t]*\Z)")
 """Another number of a list: "(7, 2)"."""
-_CALL_BEFORE, _CALL_AFTER = pattern(r"\w\(([^()\n]{0,40})\Z"), pattern(r"[^()\n]{0,40}(?=\))")
-_LETTER = pattern(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
+_CALL_BEFORE, _CALL_AFTER = re.compile(r"\w\(([^()\n]{0,40})\Z"), re.compile(r"[^()\n]{0,40}(?=\))")
+_LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
     r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
     r"|arrows?|bins?|case|opción|opção|opzione|optie|aktion|antwort|选项|選択肢|选)"
 )
-_WITH_OPTION = pattern(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
-_BEFORE = pattern(
+_WITH_OPTION = re.compile(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
+_BEFORE = re.compile(
     r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|"
     r"press|pressing|push|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|i'd|i'll|it's|that's|with|for|to|"
     r"on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
@@ -46,56 +46,56 @@ _BEFORE = pattern(
     r"believe|think|guess|suppose|lautet|steering|final|best|safest|correct|ist|est|es|è|weil|wähle|nehme|elijo|escojo|escolho|scelgo|"
     r"choisis|prends|kies|выбираю|ответ|oder|und|ou|et|o|u|y|e|.*(?:选择?|選擇?|選|是|为|為|は|答案|动作|動作|回答)"
 )
-_SET = pattern(
+_SET = re.compile(
     r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|maintain"
     r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
 """Words that may also precede a number with its unit or sign; "turning by" describes an act."""
-_WITH_QUANTITY = pattern(
+_WITH_QUANTITY = re.compile(
     r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value)\s(?:value\s)?of\s$", re.IGNORECASE
 )
-_SIDE_AFTER = pattern(
+_SIDE_AFTER = re.compile(
     r"[\s,:;()=-]{0,4}(?:(?:i\.e\.|that is|an?|to|the|towards?|turn(?:ing)?|steer(?:ing)?|go|bear|swing|hard|full|fully"
     r"|sharp|sharply|slight|slightly|gentle|gently|soft|softly|strong|strongly|medium|bit|little)\s+){0,4}"
     r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|hand|one|now|away|here|there|ahead)\b|-)",
     re.IGNORECASE,
 )
-_APART = pattern(r"(?:^|\n|[^\w)\s])[ \t]*[+-]\s+\Z")
+_APART = re.compile(r"(?:^|\n|[^\w)\s])[ \t]*[+-]\s+\Z")
 """A dash before a space: it may be the number's sign or a list's."""
-_SIDE_BEFORE = pattern(
+_SIDE_BEFORE = re.compile(
     r"\b(?:steer|turn|go|swing|bear|hard|slight|slightly|sharp|sharply|full)\s+(?:to\s+the\s+)?(?P<side>left|right)"
     r"(?:\s+by)?[\s:=(]{1,3}$",
     re.IGNORECASE,
 )
-_AFTER = pattern(
+_AFTER = re.compile(
     r"because|since|as|is|was|would|seems|looks|appears|remains|due|so|and|or|but|given|then|"
     r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|which|for|"
     r"until|till|later|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
     r"est|es|è|weil|porque|denn|parce|потому|oder|und|ou|et"
 )
-_WITH_NEXT = pattern(rf"\s+(?:or|and|und|oder|ou|et|o|y|или|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
+_WITH_NEXT = re.compile(rf"\s+(?:or|and|und|oder|ou|et|o|y|или|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
 """A second mark: "either 0 or 2" is a list, whatever precedes its first."""
-_DOES = pattern(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
+_DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
 """Verbs of an option, never after an article."""
-_WORD_BEFORE = pattern(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
-_WORD_AFTER = pattern(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
-_ITEM = pattern(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
-_OPENS = pattern(r"\.[ \t]+\S")
-_INITIAL = pattern(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), pattern(r"\.[ \t]?[^\W\d_]\.(?!\w)")
+_WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
+_WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
+_ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
+_OPENS = re.compile(r"\.[ \t]+\S")
+_INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
 """Two dotted letters make an abbreviation: "D. C.", "e. g.", "J. B. Goode"."""
-_SPECIES = pattern(r"\.[ \t]+(?:coli|elegans|sapiens|aureus|subtilis|cerevisiae|musculus|difficile)\b")
+_SPECIES = re.compile(r"\.[ \t]+(?:coli|elegans|sapiens|aureus|subtilis|cerevisiae|musculus|difficile)\b")
 """A species' name after a dotted letter is no option's text: "E. coli"."""
-_AROUND = pattern(r"\.[ \t]+\d")
+_AROUND = re.compile(r"\.[ \t]+\d")
 """A number after a small dotted letter: "c. 20 metres"."""
-_COUNTED = pattern(r"\d[ \t]*[°º˚][ \t]*\Z")
+_COUNTED = re.compile(r"\d[ \t]*[°º˚][ \t]*\Z")
 """A letter directly after degrees is their unit: "20 °C"."""
-_CONCLUDES = pattern(
+_CONCLUDES = re.compile(
     r"\b(?:answer|action|choice|decision|option|command|letter|number|conclusion)\b[^.\n:]{0,40}:?\s*$", re.IGNORECASE
 )
-_STARTS = pattern(r"[ \t>#*+-]*\(?")
-_CLOSES = pattern(r"[.):][ \t]+\S")
-_TO_NUMBER = pattern(r"\s*(?:to|of|out of|in|at|by)\s+\d")
+_STARTS = re.compile(r"[ \t>#*+-]*\(?")
+_CLOSES = re.compile(r"[.):][ \t]+\S")
+_TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ def split_number(text: str) -> tuple[str, str] | None:
 
 
 _MOST_DIGITS = 30
-_GOES_ON = pattern(r"\s*[-–.,:/x×·]?\s*\d")
+_GOES_ON = re.compile(r"\s*[-–.,:/x×·]?\s*\d")
 
 
 def is_mark(name: str) -> bool:

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
-from eyechart.regexes import pattern
 from eyechart.spaces.reader.marks import is_mark, split_number
 
 _DEGREES = (
@@ -134,13 +133,13 @@ _WHOLE = {
 _ANY = "|".join(sorted(_WHOLE, key=len, reverse=True)).replace("-", "[ -]")
 _MINUS = r"(?:minus|negative|moins|menos|meno|минус|负)"
 _WORDED = rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?)"
-_BEHIND_OPTION = pattern(
+_BEHIND_OPTION = re.compile(
     rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?"
     rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select)\s+)(?P<number>{_WORDED})(?![\w-])",
     re.IGNORECASE,
 )
-_SIGNED = pattern(rf"(?<![\d\w])(?<!\d\s){_MINUS}\s*(?=\.?\d)", re.IGNORECASE)
-_VERB = pattern(r"\b(?:is|choose|pick|select)\s+\Z", re.IGNORECASE)
+_SIGNED = re.compile(rf"(?<![\d\w])(?<!\d\s){_MINUS}\s*(?=\.?\d)", re.IGNORECASE)
+_VERB = re.compile(r"\b(?:is|choose|pick|select)\s+\Z", re.IGNORECASE)
 
 
 def number_in_words(text: str) -> str | None:
@@ -158,14 +157,14 @@ def number_in_words(text: str) -> str | None:
     return None if split is None else split[0]
 
 
-_FOREIGN = pattern(
+_FOREIGN = re.compile(
     r"\b(?:antwort|aktion|entscheidung|geschwindigkeit|lenkwinkel|winkel|wähle|nehme|respuesta|acción|decisión"
     r"|velocidad|ángulo|elijo|escojo|réponse|vitesse|choisis|prends|risposta|azione|velocità|angolo|scelgo|resposta|ação"
     r"|velocidade|escolho|ответ|скорость|угол|выбираю|antwoord|snelheid|kies|odpowiedź|prędkość|svar)\b",
     re.IGNORECASE,
 )
 """Words of languages with a decimal comma."""
-_COMMA = pattern(r"(?<![\w.,\[])([+-]?\d{1,3}),(\d{1,2})(?![\d.,]|\s?,\s?\d)")
+_COMMA = re.compile(r"(?<![\w.,\[])([+-]?\d{1,3}),(\d{1,2})(?![\d.,]|\s?,\s?\d)")
 
 
 def in_digits(text: str, units: Sequence[str]) -> str:

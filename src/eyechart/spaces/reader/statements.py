@@ -4,14 +4,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eyechart.regexes import pattern
 from eyechart.spaces.failures import lacks_picture
 from eyechart.spaces.reader.action_names import ActionNames, fold
 from eyechart.spaces.reader.marks import SIGN_APART, is_contrary, is_mark, split_number
 from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 100
-_THOUGHT = pattern(
+_THOUGHT = re.compile(
     r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
     r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)"
     r"|function_(?:response|results?))>.*?(?:</\1>|\Z)"
@@ -19,20 +18,20 @@ _THOUGHT = pattern(
     r"|\Aanalysis(?=[A-Z]).*?(?:assistantfinal|\Z)",
     re.DOTALL | re.IGNORECASE,
 )
-_TOKEN = pattern(
+_TOKEN = re.compile(
     r"<\|[^<>|]{0,40}\|>|<(?:eos|bos|pad|unk|s|/s|end_of_turn|start_of_turn|sep|cls|im_end|im_start)>", re.IGNORECASE
 )
-_FENCE = pattern(r"```[\w-]*|\A\s*json\s+(?=\{)")
-_TAG = pattern(r"</?[a-z][^<>\n]{0,120}>", re.IGNORECASE)
-_ANSWER_TAG = pattern(
+_FENCE = re.compile(r"```[\w-]*|\A\s*json\s+(?=\{)")
+_TAG = re.compile(r"</?[a-z][^<>\n]{0,120}>", re.IGNORECASE)
+_ANSWER_TAG = re.compile(
     r"<(action|answer|final|final_answer|decision|output|response|choice|command)>(.{0,2000}?)</\1>",
     re.DOTALL | re.IGNORECASE,
 )
-_BOX = pattern(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
-_HASHED = pattern(r"#{4}[ \t]{0,4}([^\n#]{1,80})")
-_TEX = pattern(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\] ]")
-_INLINE = pattern(r"\$\s?([+-]?[\d.]+(?:°|\s?m/s)?)\s?\$(?!\d)")
-_CIRC = pattern(r"\s?\^\s?\{?\s?\\circ\b\s?\}?")
+_BOX = re.compile(r"\\boxed\s{0,3}\{((?:[^{}]|\{[^{}]{0,80}\}){0,200})\}")
+_HASHED = re.compile(r"#{4}[ \t]{0,4}([^\n#]{1,80})")
+_TEX = re.compile(r"\\(?:text(?:bf|it|rm|tt|sf)?|mathrm|mathbf|mathsf|mathtt|bf|it|rm|quad|,|;|!)\s?|[{}$]|\\[()\[\] ]")
+_INLINE = re.compile(r"\$\s?([+-]?[\d.]+(?:°|\s?m/s)?)\s?\$(?!\d)")
+_CIRC = re.compile(r"\s?\^\s?\{?\s?\\circ\b\s?\}?")
 
 _LABELS = (
     r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
@@ -50,10 +49,10 @@ _OWN = (
 """Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
 _KEY_OF_ANSWER = rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
-_KEY = pattern(_KEY_OF_ANSWER, re.IGNORECASE)
-_COUNTS = pattern(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
+_KEY = re.compile(_KEY_OF_ANSWER, re.IGNORECASE)
+_COUNTS = re.compile(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
 """A key whose number counts something."""
-_ONLY_KEY = pattern(
+_ONLY_KEY = re.compile(
     r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
     r"|class|value|text"
     r"|content|message|final|name|shape|colou?r|side|count|number",
@@ -62,25 +61,25 @@ _ONLY_KEY = pattern(
 """A key that is the answer if it is the only one."""
 
 _PLAINEST = ("action", "action", "decision", "answer")
-_LOOSE = pattern(
+_LOOSE = re.compile(
     rf"[{{,]\s{{0,40}}[\"']?({_OWN}(?:{_LABELS}))[\"']?\s{{0,10}}:\s{{0,10}}"
     rf"(?:\"([^\"\n]{{0,200}})\"|'([^'\n]{{0,200}})'|([\w .-]{{1,60}}?)\s{{0,10}}(?=,(?!\d)|[}}\n]))",
     re.IGNORECASE,
 )
-_FAULT = pattern(
+_FAULT = re.compile(
     r"error\w*|refus\w+|reject\w*|denied|den(?:y|ial)|abort\w*|invalid|fail\w*|warning|not|negated?|veto\w*|forbidden"
     r"|prohibited|cancel\w*|(?:is_?)?(?:un|not_)(?:safe|sure|allowed|valid|feasible)",
     re.IGNORECASE,
 )
-_ONLY_SHOWN = pattern(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
-_FINE = pattern(
+_ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
+_FINE = re.compile(
     r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
     re.IGNORECASE,
 )
-_UNLESS = pattern(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
-_CASE = pattern(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
+_UNLESS = re.compile(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
+_CASE = re.compile(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
 """A condition under which an action holds, and its words."""
-_OTHERS = pattern(
+_OTHERS = re.compile(
     r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
     r"|last|history|past"
     r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
@@ -92,19 +91,19 @@ _OTHERS = pattern(
     re.IGNORECASE,
 )
 """Keys whose objects are about others, or are no choice."""
-_CUT_OFF = pattern(r"\{[^{}]*\Z")
-_MARKER = pattern(
+_CUT_OFF = re.compile(r"\{[^{}]*\Z")
+_MARKER = re.compile(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
     rf"|step \d)\s+){{0,4}}"
     rf"(?:{_LABELS}){_CODE}[ \t\"']{{0,4}}(?:[:=>]|->|-(?![\s-]*\.?\d)|\bis\b)+[ \t]*",
     re.IGNORECASE | re.MULTILINE,
 )
-_HEADING = pattern(
+_HEADING = re.compile(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|final|next|chosen|recommended)\s+){{0,3}}(?:{_LABELS})[ \t:=]*$",
     re.IGNORECASE | re.MULTILINE,
 )
-_FINAL = pattern(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
-_NOTHING_SEEN = pattern(
+_FINAL = re.compile(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
+_NOTHING_SEEN = re.compile(
     r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view"
     r"|access|process|assist"
     r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
@@ -113,17 +112,17 @@ _NOTHING_SEEN = pattern(
     rf"|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
-_NO_STATEMENT = pattern(
+_NO_STATEMENT = re.compile(
     r"(?:\b(?:not|never|no|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
     r"|instead of)\b|n't\b|e\.g)",
     re.IGNORECASE,
 )
-_NOT_GIVEN = pattern(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
+_NOT_GIVEN = re.compile(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
 _SAYS_SO = frozenset(["NONE", "UNKNOWN", "ABSTAIN", "UNSURE", "UNCLEAR", "NO IMAGE", "NO_IMAGE"])
 """Actions that mean that nothing was seen."""
-_END = pattern(r"[.!?\n]\s|\n")
-_CLAUSE = pattern(r",|\bso\b|\bbut\b")
-_CONDITION = pattern(r"\bif\b|\bwould be\b")
+_END = re.compile(r"[.!?\n]\s|\n")
+_CLAUSE = re.compile(r",|\bso\b|\bbut\b")
+_CONDITION = re.compile(r"\bif\b|\bwould be\b")
 _SHORT_WORDS = 3
 
 
@@ -209,8 +208,10 @@ def _chosen_side(value: str) -> str:
     return f"I choose {value}" if _SIDE_WITH_COUNT.match(value) else value
 
 
-_SIDE_WITH_COUNT = pattern(r"(?:left|right)[\s\"'*]*[:(=]\s*(?:no|\d+|two|three|several|many)\s+[a-z]", re.IGNORECASE)
-_BRACKETS = pattern(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
+_SIDE_WITH_COUNT = re.compile(
+    r"(?:left|right)[\s\"'*]*[:(=]\s*(?:no|\d+|two|three|several|many)\s+[a-z]", re.IGNORECASE
+)
+_BRACKETS = re.compile(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
 
 
 def _in_brackets(value: str, names: ActionNames) -> Decision[str] | None:
@@ -239,12 +240,12 @@ def _agreed(text: str, stated: Sequence[_Statement], names: ActionNames) -> Deci
     return unparsed("several_actions" if actions else "negated")
 
 
-_COMMITS = pattern(
+_COMMITS = re.compile(
     r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)"
     r"|(?:answer|choice|decision|action) is)\b[^\n]*",
     re.IGNORECASE,
 )
-_ANEW = pattern(
+_ANEW = re.compile(
     r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore|first)\b",
     re.IGNORECASE,
 )
@@ -338,24 +339,24 @@ def _thing(key: str, *, alone: bool) -> int:
     return _OWN_THING if _MOVES.fullmatch(key) or (alone and not _SEEN.search(key)) else _OTHER_THING
 
 
-_HOLDS = pattern(
+_HOLDS = re.compile(
     rf"{_KEY_OF_ANSWER}|arguments|parameters|params|input|controls?|(?:\w+_)?plan|final|next"
     r"|navigation|steering|step\w*",
     re.IGNORECASE,
 )
 """Keys whose objects are about the action."""
-_MOVES = pattern(
+_MOVES = re.compile(
     r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn|turning|steer|heading"
     r"|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route|recommendations?"
     r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content|message)",
     re.IGNORECASE,
 )
 """Keys whose objects are about the own motion or self, or that only wrap another object."""
-_SEEN = pattern(
+_SEEN = re.compile(
     r"percept|percei|scene|observ|environment|context|image|picture|frame|situation|leader|world", re.IGNORECASE
 )
 """Keys whose objects are about things seen."""
-_LISTED = pattern(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
+_LISTED = re.compile(r"id|index|idx|number|no|letter|code|name|label", re.IGNORECASE)
 
 
 def _is_listed(value: object, names: ActionNames) -> bool:
@@ -388,7 +389,7 @@ def _at_fault(value: _Pairs) -> bool:
     )
 
 
-_SIDE = pattern(r"(?:steer(?:ing)?_|turn_)?(?:dir(?:ection)?|side|turn)", re.IGNORECASE)
+_SIDE = re.compile(r"(?:steer(?:ing)?_|turn_)?(?:dir(?:ection)?|side|turn)", re.IGNORECASE)
 _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 
 
@@ -421,8 +422,8 @@ def _given(key: str, value: object) -> object:
     return next((inner for _, _, inner in json_objects(value, _Pairs)), None)
 
 
-_ANOTHER = pattern(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
-_CORRECTION = pattern(
+_ANOTHER = re.compile(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
+_CORRECTION = re.compile(
     r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new)(?:_(?:action|answer|choice|decision|to))?",
     re.IGNORECASE,
 )
@@ -530,7 +531,7 @@ def _boxes(text: str, names: ActionNames) -> Iterator[_Statement]:
         yield _Statement(match.start(), match.end(), found.action, found.why)
 
 
-_SIGNED_BOX = pattern(r"(?<![\w)])[-\u2012-\u2015\u2212]\$?\Z")
+_SIGNED_BOX = re.compile(r"(?<![\w)])[-\u2012-\u2015\u2212]\$?\Z")
 """A sign before a box: its content is another number."""
 
 
@@ -541,7 +542,7 @@ def _hashes(text: str, names: ActionNames) -> Iterator[_Statement]:
             yield _Statement(match.start(), match.end(), action)
 
 
-_VOTE = pattern(
+_VOTE = re.compile(
     r"^[^\w\n]{0,8}([^\n:=]{1,80}?)[ \t\"')]{0,3}[:=-][ \t]{0,3}(yes|no)[ \t.!]{0,3}$", re.IGNORECASE | re.MULTILINE
 )
 
@@ -583,12 +584,12 @@ def _is_no_input(label: str, start: int, end: int, text: str) -> bool:
     return _INPUT.match(label) is not None and _NOTHING.fullmatch(text[start + len(label) : end]) is not None
 
 
-_INPUT = pattern(r"\W*action input\b", re.IGNORECASE)
-_NOTHING = pattern(r"[\s\"'{(\[]*(?:none|null|n/a|nothing|empty)?[\s\"'.})\]]*", re.IGNORECASE)
+_INPUT = re.compile(r"\W*action input\b", re.IGNORECASE)
+_NOTHING = re.compile(r"[\s\"'{(\[]*(?:none|null|n/a|nothing|empty)?[\s\"'.})\]]*", re.IGNORECASE)
 _MARKERS_AT_MOST = 20
 _LINE_AT_MOST = 2000
-_ITEMS = pattern(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")
-_SAYS = pattern(r"[^\n]*\w[^\n]*")
+_ITEMS = re.compile(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")
+_SAYS = re.compile(r"[^\n]*\w[^\n]*")
 
 
 def _last(one: re.Pattern[str], text: str) -> list[re.Match[str]]:

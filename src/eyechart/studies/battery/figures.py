@@ -23,9 +23,11 @@ from eyechart.report.charts import (
     PAPER,
     VERMILLION,
     WAYS,
+    Cell,
     Drawing,
+    Frame,
+    GridLabels,
     canvas,
-    cell,
     grid,
     named_rows,
     plain,
@@ -70,16 +72,14 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
     left = room([who.label for who in everyone])
     above = max([0.95, *(0.2 + 0.05 * len(name) for name in conditions)])  # of names that lean by 40 degrees
     width, height = left + 0.75 + 0.56 * max(1, len(conditions)), 0.05 + above + 0.31 * len(everyone)
-    figure, axes = canvas(width, height, (left, 0.75, 0.05, above))
-    for y, row in enumerate(shares):
-        for x, (name, share) in enumerate(zip(conditions, row, strict=True)):
-            cell(axes, x, y, share, number(share, 2), _colours(name, as_paper=as_paper))
-    if "real_repeat" in conditions:
-        x = conditions.index("real_repeat")
-        axes.add_patch(Rectangle((x - 0.5, -0.5), 1, len(everyone), fill=False, edgecolor=INK, linewidth=1.6, zorder=5))
+    cells = _coloured(shares, [_colours(name, as_paper=as_paper) for name in conditions])
+    floor = [x for x, name in enumerate(conditions) if name == "real_repeat"]
+    framed = [(x - 0.5, -0.5, x + 0.5, len(everyone) - 0.5, INK, 1.6) for x in floor]
     below = {"real_repeat": "\n(noise floor)", "mirrored": "" if as_paper else "\n(exchanged)"}
-    labels = [name + below.get(name, "") for name in conditions]
-    grid(axes, labels, [plain(who.label, 34) for who in everyone], rotation=40)
+    labels = GridLabels(
+        [name + below.get(name, "") for name in conditions], [plain(who.label, 34) for who in everyone], rotation=40
+    )
+    figure = grid((width, height), (left, 0.75, 0.05, above), cells, labels, framed)
     told = "; ".join(
         f"{who.label}: " + ", ".join(f"{name} {number(share, 2)}" for name, share in zip(conditions, row, strict=True))
         for who, row in zip(everyone, shares, strict=True)
@@ -91,6 +91,10 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
             f"Grey columns, mirrored among them, say nothing alone: the frame decides whether an answer stays. {says}"
         )
     return Drawing("agreement", title, says, figure, wide=True)
+
+
+def _coloured(shares: Sequence[Sequence[float | None]], colours: Sequence[LinearSegmentedColormap]) -> list[list[Cell]]:
+    return [[(share, number(share, 2), one) for share, one in zip(row, colours, strict=True)] for row in shares]
 
 
 def _colours(condition: str, *, as_paper: bool) -> LinearSegmentedColormap:
@@ -244,6 +248,8 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
     names = [f"{plain(action, 12)} ({np.count_nonzero(real == action)})" for action in actions]
     margin = 0.2 + 0.077 * max(map(len, names))
     figure, axes = canvas(3.5, 0.6 + 0.36 * len(actions), (margin, 0.15, 0.5, 0.05))
+    axes.set_xlim(0, nowhere * (1.06 if leadless else 0.92))  # first, or every mark would set the limits anew
+    axes.set_ylim(len(names) - 0.5, -0.5)
     told = []
     for y, action in enumerate(actions):
         mine = gaps[real == action]
@@ -269,8 +275,6 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
 
 
 def _strip_axes(axes: Axes, names: Sequence[str], nowhere: float, *, leadless: bool) -> None:
-    axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlim(0, nowhere * (1.06 if leadless else 0.92))
     axes.set_yticks(range(len(names)), names)
     axes.tick_params(axis="y", length=0)
     kept = [float(tick) for tick in axes.get_xticks() if 0 <= tick < nowhere * (0.84 if leadless else 0.92)]
@@ -409,30 +413,26 @@ def _transitions(
     note: str,
 ) -> Drawing:
     rows, columns = pair
-    named = space.actions or sorted({*rows.tolist(), *columns.tolist()} - {UNPARSED})
-    actions = [*named, *([UNPARSED] if UNPARSED in {*rows.tolist(), *columns.tolist()} else [])]
+    given = space.actions or sorted({*rows.tolist(), *columns.tolist()} - {UNPARSED})
+    actions = [*given, *([UNPARSED] if UNPARSED in {*rows.tolist(), *columns.tolist()} else [])]
     size = len(actions)
     labels = [plain(action, 11) for action in actions]
     leaning = size > 5 or max(map(len, labels)) > 8
     top, margin = (0.95 if leaning else 0.5), 0.4 + 0.075 * max(map(len, labels))
-    figure, axes = canvas(3.5, top + 0.05 + 0.33 * size, (margin, 0.35 if leaning else 0.1, 0.05, top))
-    told = []
+    told, framed = [], list[Frame]()
+    cells: list[list[Cell]] = [[] for _ in actions]
     for y, one in enumerate(actions):
         total = int((rows == one).sum())
         for x, other in enumerate(actions):
             count = int(((rows == one) & (columns == other)).sum())
-            cell(axes, x, y, count / total if total else None, str(count) if total else "", _BLUES)
+            cells[y].append((count / total if total else None, str(count) if total else "", _BLUES))
             if (one, other) in marked:
-                edge = ON_COLOUR if total else INK
-                axes.add_patch(
-                    Rectangle((x - 0.44, y - 0.43), 0.88, 0.86, fill=False, edgecolor=edge, linewidth=1.1, zorder=5)
-                )
+                framed.append((x - 0.44, y - 0.43, x + 0.44, y + 0.43, ON_COLOUR if total else INK, 1.1))
             if count:
                 told.append(f"{one} to {other}: {count}")
-    grid(axes, labels, labels, rotation=40 if leaning else 0)
-    axes.tick_params(axis="x", labelsize=7.5)
-    axes.set_xlabel(names[1], fontsize=8.5, color=MUTED)
-    axes.set_ylabel(names[0], fontsize=8.5, color=MUTED)
+    box = (3.5, top + 0.05 + 0.33 * size), (margin, 0.35 if leaning else 0.1, 0.05, top)
+    named = GridLabels(labels, labels, 40 if leaning else 0, 7.5, across=names[1], down=names[0])
+    figure = grid(*box, cells, named, framed)
     says = f"Rows: {names[0]}; columns: {names[1]}; {note}. {'; '.join(told)}"
     return Drawing(words[0], words[1], says, figure, of=words[2])
 
@@ -448,16 +448,14 @@ def agreement_down(everyone: Sequence[Subject]) -> list[Drawing]:
         for number_of, first in enumerate(range(0, len(everyone), MODELS_BESIDE), 1):
             some = everyone[first : first + MODELS_BESIDE]
             conditions = list(dict.fromkeys(name for who in some for name in who.run.conditions if name != "real"))
-            figure, axes = canvas(
-                1.75 + 0.72 * len(some) + 0.85, 1.35 + 0.31 * max(1, len(conditions)), (1.75, 0.85, 0.05, 1.3)
-            )
-            for y, name in enumerate(conditions):
-                reflect = _base(name) == "mirrored"
-                colours = _STAYS if name in STAYS or reflect else _MOVED if _base(name) in MOVED else _REDS
-                for x, who in enumerate(some):
-                    share = _agree(who, name, reflect=reflect)
-                    cell(axes, x, y, share, number(share, 2), colours)
-            grid(axes, [plain(who.label, 22) for who in some], [plain(name, 20) for name in conditions], rotation=40)
+            cells = [
+                [(share, number(share, 2), colours) for share in (_agree(who, name, reflect=reflect) for who in some)]
+                for name in conditions
+                for reflect, colours in [(_base(name) == "mirrored", _colours(name, as_paper=False))]
+            ]
+            size = 1.75 + 0.72 * len(some) + 0.85, 1.35 + 0.31 * max(1, len(conditions))
+            who_and_what = [plain(who.label, 22) for who in some], [plain(name, 20) for name in conditions]
+            figure = grid(size, (1.75, 0.85, 0.05, 1.3), cells, GridLabels(*who_and_what, rotation=40))
             title = "Agreement with the action given to the real frame"
             says = "The same numbers as in the wide figure, a row per condition and a column per model."
             drawn.append(Drawing(f"agreement-down-{number_of}", title, says, figure))

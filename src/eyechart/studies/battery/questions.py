@@ -25,7 +25,7 @@ from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
 from eyechart.messages import Turn
 from eyechart.models.faults import is_of_the_road
 from eyechart.modes import ELSEWHERE, made_elsewhere
-from eyechart.records import to_json_fields
+from eyechart.records import plain
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
 from eyechart.seeds import key_seed
@@ -270,8 +270,9 @@ def _about(asked: Questions) -> dict[str, object]:
     return {
         "format": FORMAT,
         "eyechart": __version__,
-        **to_json_fields(asked, "bank=plan.bank.name keys.batch manifest.prompt"),
-        **({"prompt": asked.manifest.prompt.wording()} if asked.manifest.prompt.messages else {}),
+        "bank": asked.plan.bank.name,
+        "batch": asked.keys.batch,
+        "prompt": plain(asked.manifest.prompt.wording() if asked.manifest.prompt.messages else asked.manifest.prompt),
         "seeds_of": "" if asked.is_unnamed else asked.plan.models[0],
         "calls": len(asked.left),
         "actions": list(asked.plan.space.actions),

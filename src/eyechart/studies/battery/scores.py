@@ -19,7 +19,7 @@ from eyechart.ledger import COLUMNS, Attempts, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import made_elsewhere
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.run import Plan, cells_of, lacking
 from eyechart.spaces.reader import READERS
 from eyechart.stats.resamples import holm
@@ -60,7 +60,7 @@ HOLM = ("cramers_v", "cramers_v.decision", "obstacle", "mutual_information", "mu
 
 
 @dataclass(frozen=True)
-class ModelScore(KeyedRecord):
+class ModelScore:
     """One model's decisions and statistics; ``holm`` has each test's p corrected over the models.
 
     ``planned`` and ``answered`` count calls; a verdict on fewer than planned says so. ``stopped``
@@ -69,8 +69,6 @@ class ModelScore(KeyedRecord):
     and interval hold only at a fixed sample size. ``controls`` are the model's control conditions;
     those of an unfinished stage are in no statistic.
     """
-
-    written = "version planned answered stopped controls.controls statistics holm"
 
     model: str
     version: str
@@ -81,6 +79,11 @@ class ModelScore(KeyedRecord):
     holm: Mapping[str, float | None]
     stopped: StoppingPoint | None = None
     controls: ControlProgress = field(default_factory=ControlProgress)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        names = "version planned answered stopped statistics holm"
+        return to_json_fields(self, names, controls=self.controls.controls)
 
 
 M = TypeVar("M")
@@ -115,18 +118,20 @@ class CallsScore(ABC, Generic[M]):
 
 
 @dataclass(frozen=True)
-class BatteryScore(KeyedRecord, CallsScore[ModelScore]):
+class BatteryScore(CallsScore[ModelScore]):
     """The scores of one battery, and apart from them the costs of its calls."""
-
-    written = (
-        "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.seed "
-        "manifest.stop_early manifest.controls bank.manifest.action_space.reader independent models accounting guards"
-    )
 
     independent: bool = False
     """Whether the user or the bank declared that frames without episodes are independent draws."""
     folder: Path = Path("RUN")
     """The folder of the run."""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        run = to_json_fields(self.manifest, "study fingerprint seed stop_early controls")
+        about = {"bank": self.bank.name, "reader": self.bank.manifest.action_space.reader}
+        own = to_json_fields(self, "independent models accounting guards")
+        return {**run, "prompt": self.manifest.prompt.key, **about, **own}
 
     @property
     def conditions(self) -> tuple[str, ...]:

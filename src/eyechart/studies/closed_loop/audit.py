@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from eyechart.episodes import Step
 from eyechart.policies import Observation
 from eyechart.policies.scripted import NEEDS, Oracle
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.seeds import key_seed
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import MISSING
@@ -62,7 +62,7 @@ def scene_of(drives: Drives) -> SceneLabels:
 
 
 @dataclass(frozen=True)
-class Degeneracy(KeyedRecord):
+class Degeneracy:
     """One driver's row. ``geometry`` says what the information is about.
 
     ``statistics``: modal_share, distinct_actions, entropy_bits, information_bits (its p takes steps
@@ -72,14 +72,17 @@ class Degeneracy(KeyedRecord):
     ``reasons`` counts the steps without a decision by reason.
     """
 
-    written = "*driver geometry constant label statistics missing=reasons holm_naive holm"
-
     driver: Driver
     geometry: str
     statistics: Mapping[str, Statistic]
     reasons: Mapping[str, int]
     holm_naive: float | None = None
     holm: float | None = None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        own = to_json_fields(self, "geometry constant label statistics holm_naive holm", missing=self.reasons)
+        return self.driver.as_dict() | own
 
     @property
     def varies(self) -> bool:
@@ -275,7 +278,7 @@ CONTROLLERS: dict[str, Callable[[Step], str | None]] = {"oracle": _oracle, "dema
 
 
 @dataclass(frozen=True)
-class ReplayComparison(KeyedRecord):
+class ReplayComparison:
     """One driver compared with one controller.
 
     ``agreement`` has an interval over episodes. ``constants`` maps each action to the agreement of
@@ -284,13 +287,16 @@ class ReplayComparison(KeyedRecord):
     agrees at least as often.
     """
 
-    written = "driver.policy driver.condition driver.run controller agreement constants shuffled"
-
     driver: Driver
     controller: str
     agreement: Statistic
     constants: Mapping[str, Statistic]
     shuffled: Statistic
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        own = to_json_fields(self, "controller agreement constants shuffled")
+        return to_json_fields(self.driver, "policy condition run") | own
 
     @property
     def best_constant(self) -> tuple[str, float] | None:

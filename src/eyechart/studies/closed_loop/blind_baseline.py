@@ -12,7 +12,7 @@ from operator import attrgetter
 
 from eyechart.conditions import CONDITIONS, OVER
 from eyechart.episodes import Step
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop.drives import UNDECIDED, Driver, Drives, undecided_share
 from eyechart.studies.closed_loop.identical_drives import same_drive
@@ -78,13 +78,11 @@ DRIVES = Axis(
 
 
 @dataclass(frozen=True)
-class BlindBaseline(KeyedRecord):
+class BlindBaseline:
     """A policy with real pictures less the same policy under another condition, with the finding.
 
     ``unasked`` says what drives are missing; ``rest`` describes missing decisions and completion.
     """
-
-    written = "*paired driver.policy condition asks finding sentence"
 
     driver: Driver
     condition: str
@@ -93,6 +91,11 @@ class BlindBaseline(KeyedRecord):
     shows: str = ""
     unasked: str = ""
     rest: str = ""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        own = to_json_fields(self, "condition asks finding sentence", policy=self.driver.policy)
+        return self.paired.as_dict() | own
 
     @property
     def sentence(self) -> str:

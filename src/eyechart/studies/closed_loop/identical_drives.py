@@ -18,7 +18,7 @@ from statistics import median
 
 from eyechart.calls import Reply
 from eyechart.episodes import Episode
-from eyechart.records import KeyedRecord, to_json_fields
+from eyechart.records import to_json_fields
 from eyechart.simulators import declared_by
 from eyechart.studies.closed_loop.drives import MODAL_CONSTANT, UNDECIDED, Driver, Drives, undecided_share
 
@@ -33,13 +33,11 @@ SLOW_S = 0.1
 
 
 @dataclass(frozen=True)
-class RepeatedRequests(KeyedRecord):
+class RepeatedRequests:
     """A driver's repeated requests: how many, with which text, and how fast.
 
     ``ratio`` is the median seconds of repeats over that of first requests, None where not measured.
     """
-
-    written = "driver=driver.label driver.simulator repeats same_text latency_ratio=ratio suspect words"
 
     driver: Driver
     repeats: int
@@ -47,6 +45,11 @@ class RepeatedRequests(KeyedRecord):
     ratio: float | None
     suspect: bool
     words: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        of = {"driver": self.driver.label, "simulator": self.driver.simulator}
+        return of | to_json_fields(self, "repeats same_text suspect words", latency_ratio=self.ratio)
 
 
 def repeated_requests(drives: Drives) -> RepeatedRequests | None:
@@ -171,7 +174,7 @@ class IdenticalEpisodes:
         return {
             "drivers": [driver.label for driver in self.drivers],
             "simulator": self.drivers[0].simulator,
-            **to_json_fields(self, "worlds identical=same kind words"),
+            **to_json_fields(self, "worlds kind words", identical=self.same),
         }
 
 

@@ -16,7 +16,7 @@ from eyechart.errors import SpecError, counted
 from eyechart.modes import RequestMode
 from eyechart.planned_run import RunAllowance
 from eyechart.policies import open_policy
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.seeds import key_seed
 from eyechart.simulators import declared_by, open_simulator
 from eyechart.spaces.discrete import Discrete
@@ -123,30 +123,35 @@ def outcomes_of(drives: Sequence[Drives]) -> SuccessCriteria:
 
 
 @dataclass(frozen=True)
-class LadderRow(KeyedRecord):
+class LadderRow:
     """One driver's row of statistics with n and interval; exact for rates (Clopper-Pearson)."""
-
-    written = "*driver episodes_in_error=errors statistics"
 
     driver: Driver
     statistics: Mapping[str, Statistic]
     errors: int
 
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return self.driver.as_dict() | to_json_fields(self, "statistics", episodes_in_error=self.errors)
+
 
 @dataclass(frozen=True)
-class PairedDifference(KeyedRecord):
+class PairedDifference:
     """Two drivers in the same worlds: first less second, each difference with n, interval and p.
 
     ``holm`` holds each p corrected over the whole family of comparisons.
     """
-
-    written = "first=first.label second=second.label first.simulator worlds differences holm changed"
 
     first: Driver
     second: Driver
     worlds: int
     differences: Mapping[str, Statistic]
     holm: Mapping[str, float | None]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        pair = {"first": self.first.label, "second": self.second.label, "simulator": self.first.simulator}
+        return pair | to_json_fields(self, "worlds differences holm changed")
 
     @property
     def changed(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from eyechart.integrity import ServedChecks, ServedGuard
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, EpisodesManifest
 from eyechart.models.prices import Prices
-from eyechart.records import plain, to_json_fields
+from eyechart.records import to_json_fields
 from eyechart.spaces.space import AnySpace
 from eyechart.stats.statistic import ModelStatistics
 from eyechart.studies import NO_VERDICT, ModelSummary, ReadOptions, RunCosts, S, Study, StudyReport, Tell, is_episodes
@@ -158,15 +158,14 @@ class ClosedLoopScore:
             "study": "closed_loop",
             "references": {name: reference.policy for name, reference in self.references.items()},
             "references_chosen_on_these_data": self.against_policy is None,
-            **to_json_fields(self, "ladder paired blind"),
+            **to_json_fields(self, "ladder paired blind served"),
             **self.audit_dict(),
-            "served": plain(self.served),
             "unfinished": [{"run": run, **one.as_dict()} for run, left in self.unfinished.items() for one in left],
         }
 
     def audit_dict(self) -> dict[str, object]:
         """Return the audit's part as plain JSON values."""
-        return to_json_fields(self, "audit replays identical=twins repeated_requests=repeats")
+        return to_json_fields(self, "audit replays", identical=self.twins, repeated_requests=self.repeats)
 
 
 def score(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eyechart.errors import GuardianError, suggestion
+from eyechart.records import to_json_fields
 from eyechart.stats.committee_votes import MISSING, POINTS, Costs, Point, select, select_without_each, tally
 from eyechart.studies.guardian.frozen import FrozenGuardian, Selection
 from eyechart.studies.guardian.scores import Metrics, measure
@@ -99,15 +100,9 @@ class NestedFit:
 
     def as_dict(self) -> dict[str, object]:
         """Return the result as plain JSON values."""
-        return {
-            "frames": self.frames,
-            "folds": {
-                episode: {"committee": list(committee), "threshold": threshold, "operating_point": point}
-                for episode, (committee, threshold, point) in self.folds.items()
-            },
-            "folds_that_chose_alike": self.agreed,
-            "pooled": {name: one.as_dict() for name, one in self.pooled.items()},
-        }
+        chosen = ("committee", "threshold", "operating_point")
+        folds = {episode: dict(zip(chosen, fold, strict=True)) for episode, fold in self.folds.items()}
+        return to_json_fields(self, "frames pooled", folds=folds, folds_that_chose_alike=self.agreed)
 
 
 def nested(

@@ -14,7 +14,7 @@ from eyechart.conditions import flip
 from eyechart.errors import GuardianError
 from eyechart.frames import FrameBank, decode
 from eyechart.policies.scripted import read_scene
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.spaces.scene import Scene, safe_action
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.statistic import Statistic
@@ -33,7 +33,7 @@ MIRROR = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
 
 
 @dataclass(frozen=True)
-class ModularReplay(KeyedRecord):
+class ModularReplay:
     """The actions of a modular controller on each frame, and how they compare.
 
     ``agreement`` is with the renderer policy, which acts on what the deterministic reader sees.
@@ -62,11 +62,18 @@ class ModularReplay(KeyedRecord):
     actions: Mapping[str, str]
     unread: tuple[str, ...]
     warnings: tuple[str, ...] = ()
-    written = (
-        "agreement_with_renderer_policy=agreement agreement_where_answered=agreement_answered "
-        "agreement_of_a_perfect_guardian=ceiling agreement_of_a_perfect_guardian_where_answered=ceiling_answered "
-        "answered equivariance directional_reference_actions=directional actions unread warnings"
-    )
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(
+            self,
+            "answered equivariance actions unread warnings",
+            agreement_with_renderer_policy=self.agreement,
+            agreement_where_answered=self.agreement_answered,
+            agreement_of_a_perfect_guardian=self.ceiling,
+            agreement_of_a_perfect_guardian_where_answered=self.ceiling_answered,
+            directional_reference_actions=self.directional,
+        )
 
 
 def modular_action(answer: str, scene: Scene) -> str:

@@ -135,11 +135,12 @@ class Bound:
                 name: {**one.as_dict(), "estimand": ESTIMANDS[name]}
                 for name, one in zip(ESTIMANDS, bounds, strict=False)
             },
-            **to_json_fields(self, "episodes confidence episodes_needed_for_one_percent=needed"),
+            **to_json_fields(self, "episodes confidence conformal_threshold scope"),
+            "episodes_needed_for_one_percent": self.needed,
             "episodes_needed_for_one_percent_without_a_miss": self.needed_at_best,
             "conformal_risk_in_expectation_only": {str(place): one for place, one in enumerate(self.conformal, 1)},
             "conformal_estimand": ESTIMANDS["conformal"],
-            **to_json_fields(self, "conformal_threshold conformal_risk_wanted=risk scope"),
+            "conformal_risk_wanted": self.risk,
         }
 
 
@@ -247,18 +248,21 @@ class GuardianScore:
 
     def as_dict(self) -> dict[str, object]:
         """Return the score as plain JSON values."""
+        frozen = self.frozen
         return {
-            **to_json_fields(self.frozen, "guardian=digest committee threshold operating_point=point"),
-            **to_json_fields(self.frozen, "best_single_model=selection.single"),
-            "bank": to_json_fields(self.frozen.about, "name=bank_name fingerprint=bank"),
+            **to_json_fields(frozen, "committee threshold", guardian=frozen.digest, operating_point=frozen.point),
+            "best_single_model": frozen.selection and frozen.selection.single,
+            "bank": {"name": frozen.about.bank_name, "fingerprint": frozen.about.bank},
             "frames": len(self.table.frames),
             "episodes": len(set(self.table.episodes)),
-            **to_json_fields(self, "rows mcnemar sign_flips_over_episodes=over_episodes"),
             "risk_coverage": [
                 {"margin": one.margin, "coverage": one.answered / one.frames, "risk": one.wrong / one.answered}
                 for one in self.curve
             ],
-            **to_json_fields(self, "answers missed frames_with_missing_votes=incomplete bound warnings"),
+            **to_json_fields(
+                self, "rows mcnemar answers missed bound warnings", frames_with_missing_votes=self.incomplete
+            ),
+            "sign_flips_over_episodes": self.over_episodes.as_dict(),
         }
 
 

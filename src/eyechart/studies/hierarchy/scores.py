@@ -11,7 +11,7 @@ import numpy as np
 from eyechart.episodes import Episode, UnfinishedEpisodes, read_episodes
 from eyechart.errors import LedgerError
 from eyechart.integrity import ServedGuard
-from eyechart.records import KeyedRecord, to_json_fields
+from eyechart.records import plain, to_json_fields
 from eyechart.stats.episodes import share_over_episodes
 from eyechart.stats.statistic import ModelStatistics, Statistic
 from eyechart.studies import is_episodes
@@ -89,7 +89,7 @@ PUBLISHED_MODELS: Mapping[str, Mapping[str, PrintedRow]] = {
 
 
 @dataclass(frozen=True)
-class IntentSource(KeyedRecord):
+class IntentSource:
     """One source of intent in one arm: its rates with exact intervals, and its intents.
 
     ``intents`` counts the emitted intents, and ``stop_share`` is of them; a STOP of the fail-safe
@@ -98,11 +98,6 @@ class IntentSource(KeyedRecord):
     The intervals of ``distance_m`` and ``stop_share`` resample episodes; they are None if all have
     the same value.
     """
-
-    written = (
-        "part name driver.simulator source=driver.policy driver.condition goals crashes distance_m stop_share intents "
-        "intents_emitted=emitted fail_safe_steps=fail_safe no_decision solver_failures episodes_in_error=errors"
-    )
 
     part: str
     name: str
@@ -114,33 +109,41 @@ class IntentSource(KeyedRecord):
     intents: Mapping[str, int]
     no_decision: Mapping[str, int]
     solver_failures: int
-    errors: int
+    episodes_in_error: int
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        names = "part name goals crashes distance_m stop_share intents intents_emitted fail_safe_steps no_decision"
+        own = to_json_fields(self, f"{names} solver_failures episodes_in_error", source=self.driver.policy)
+        return own | to_json_fields(self.driver, "simulator condition")
 
     @property
-    def emitted(self) -> int:
+    def intents_emitted(self) -> int:
         """Return how many intents were emitted."""
         return sum(self.intents.values())
 
     @property
-    def fail_safe(self) -> int:
+    def fail_safe_steps(self) -> int:
         """Return the number of steps with the fail-safe, for want of a decision."""
         return sum(self.no_decision.values())
 
 
 @dataclass(frozen=True)
-class Completion(KeyedRecord):
+class Completion:
     """How often a model reaches the goal in one arm, with real pictures and with other ones.
 
     ``goals`` are by condition. It is ``shown`` if both paired differences, real less blank and real
     less other worlds' pictures, are above zero after Holm.
     """
 
-    written = "part source=policy goals shows_perception=shown"
-
     part: str
     policy: str
     goals: Mapping[str, Statistic]
     label: Label
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        return to_json_fields(self, "part goals", source=self.policy, shows_perception=self.shown)
 
     @property
     def shown(self) -> bool:
@@ -246,9 +249,9 @@ class HierarchyScore:
         """Return every number as plain JSON values."""
         return {
             "study": "hierarchy",
-            **to_json_fields(self, "sources against_mpc_only oracle_against_its_mirror=oracle_mirrored completions"),
+            **to_json_fields(self, "sources against_mpc_only completions words served"),
+            "oracle_against_its_mirror": plain(self.oracle_mirrored),
             "blind": [{"part": part, **one.as_dict()} for part, one in self.blind],
-            **to_json_fields(self, "words served"),
             "unfinished": [{"part": part, **one.as_dict()} for part, many in self.unfinished.items() for one in many],
         }
 
@@ -318,7 +321,7 @@ def _source(part: str, name: str, drives: Drives, outcomes: SuccessCriteria) -> 
         intents={action: intents[action] for action in drives.space.actions},
         no_decision=dict(sorted(silent.items())),
         solver_failures=sum(n for step in steps if isinstance(n := step.facts.get("solver_failures"), int)),
-        errors=len(drives.errors),
+        episodes_in_error=len(drives.errors),
     )
 
 

@@ -40,7 +40,7 @@ def source_table(sources: Sequence[IntentSource], ablation: str) -> Table:
         counts = (count_of(source.goals), source.goals.ci, goals, count_of(source.crashes), source.crashes.ci, crashes)
         rows.append(
             (
-                Mark(source.name, "", f"+ {source.errors} in error" if source.errors else ""),
+                Mark(source.name, "", f"+ {source.episodes_in_error} in error" if source.episodes_in_error else ""),
                 *counts,
                 source.distance_m,
                 distance,
@@ -112,10 +112,10 @@ def intent_table(sources: Sequence[IntentSource], ablation: str) -> Table:
     rows = tuple(
         (
             source.name,
-            source.emitted,
+            source.intents_emitted,
             source.stop_share,
             PUBLISHED.get(source.name, UNPUBLISHED)[3],
-            source.fail_safe,
+            source.fail_safe_steps,
             source.solver_failures,
             ", ".join(f"{why} {count}" for why, count in source.no_decision.items()),
             ", ".join(f"{count} {action}" for action, count in source.intents.items() if count),
@@ -200,7 +200,7 @@ def long_tables(score: HierarchyScore) -> tuple[Table, ...]:
             ),
             *(source.goals.value, source.goals.ci, source.crashes.value, source.crashes.ci),
             *(source.distance_m.value, source.distance_m.ci, source.stop_share.value, source.stop_share.ci),
-            *(source.fail_safe, source.solver_failures, source.errors, *source.intents.values()),
+            *(source.fail_safe_steps, source.solver_failures, source.episodes_in_error, *source.intents.values()),
         )
         for source in score.sources
     ]

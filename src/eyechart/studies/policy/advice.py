@@ -9,7 +9,7 @@ from eyechart.conditions import OVER
 from eyechart.conditions.policies import conditions_of
 from eyechart.prompts import says
 from eyechart.studies.policy.scores import PolicyScore
-from eyechart.verdicts.share_predicates import ALPHA, USED, ShareStatistics, is_used
+from eyechart.verdicts.share_predicates import ALPHA, USED, ShareStatistics, is_used, pictures
 
 
 class Advice(NamedTuple):
@@ -102,7 +102,9 @@ def _of_pose(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
 def _of_failures(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
     """Yield advice if the policy fails on pictures that a channel's label needs."""
     if names := [name for name in _needed(channel) if name in score.models[spec].motions.fails_on]:
-        yield Advice(f"let it return a motion on {', '.join(names)} pictures too: what it does where it finds nothing")
+        yield Advice(
+            f"let it return a motion on {', '.join(map(pictures, names))} too: what it does where it finds nothing"
+        )
 
 
 def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:

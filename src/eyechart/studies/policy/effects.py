@@ -174,7 +174,11 @@ class Effects:
         return replace(result, offset=offset, offset_of=names[first], spread=spread, spread_of=names[second])
 
     def variation_share(self) -> Statistic:
-        """Return the answers' variation between episodes, over that of the logged motions."""
+        """Return the answers' variation between episodes, over that of the logged motions.
+
+        Of drawn answers it is net of their noise, and None where that leaves nothing: more noise than
+        `CONSTANT` then hides whether they vary. ``with_noise`` is there where they may be constant.
+        """
         frames, others = self._others()
         fit, method = self._motions.fit_to, "variation between episodes, over that of the logged motions"
         good = np.isfinite(fit[frames]).all(axis=(1, 2)) & np.isfinite(fit[others]).all(axis=(1, 2))
@@ -182,9 +186,14 @@ class Effects:
         if not len(frames):
             return not_available("no two frames have answers and logged motions", method=method)
         own = float(squared_distance(self._real[:, frames], self._real[:, others]).mean())
+        with_noise = float(((self._real[:, frames] - self._real[:, others]) ** 2).mean()) / 2
         logged = float(squared_distance(fit[None, frames], fit[None, others]).mean())
         if not logged > 0:
             return not_available("the logged motions are all the same", len(frames), method)
+        if own < 0 and with_noise >= CONSTANT * logged:
+            return not_available(
+                "its answers differ as much when nothing changes as between episodes", len(frames), method
+            )
         answers = self._real[:, frames].mean(axis=0)
         held = {*held_still(answers, fit[frames])}
         moved = {*np.flatnonzero(np.ptp(answers.reshape(-1, answers.shape[-1]), axis=0) >= ROUNDING).tolist()}
@@ -193,7 +202,9 @@ class Effects:
             for name, many in self._columns_of.items()
             if held & {*many} and (len(many) == 1 or not moved & {*many})
         ]
-        return Share(own / logged, len(frames), method=method, still=still or None)
+        share, most = max(0.0, own / logged), with_noise / logged
+        found = Share(share, len(frames), method=method, still=still or None)
+        return replace(found, with_noise=most) if share < CONSTANT else found
 
     def memory(self) -> Statistic:
         """Return the share of the noise that goes with the call before.

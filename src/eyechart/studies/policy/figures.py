@@ -33,6 +33,7 @@ from eyechart.report.charts import (
 from eyechart.report.short_names import shorten
 from eyechart.report.table import number
 from eyechart.spaces.motion import PLACES, MotionSpace
+from eyechart.stats.shares import shown_share
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.motions import Floats, Motions
 from eyechart.studies.policy.scores import PolicyResult
@@ -116,7 +117,7 @@ def shares(judged: PolicyVerdict, policy: PolicyResult) -> Iterator[Drawing]:
         ticks = [tick for tick in _TICKS if tick <= axes.get_xlim()[1]]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.set_xlabel("share of its own variation (T)", fontsize=8.5)
-    told = "; ".join(f"{name} {number(one.value, 3)}" for name, one, _ in rows)
+    told = "; ".join(f"{name} {number(shown_share(one).value, 3)}" for name, one, _ in rows)
     frames = sorted({one.n for _, one, _ in rows})
     of = f"{frames[0]} to {frames[-1]}" if len(frames) > 1 else f"{frames[0]}"
     spec = judged.model
@@ -237,7 +238,8 @@ def training(course: TrainingCurve) -> Drawing:
             axes.tick_params(labelbottom=row == len(names) - 1, labelsize=7.5)
         axes.set_xlabel("step of the training", fontsize=8.5)
     told = "; ".join(
-        f"{name} " + ", ".join(f"{number(each[name].value, 2)} at {step}" for step, _, each in points if name in each)
+        f"{name} "
+        + ", ".join(f"{number(shown_share(each[name]).value, 2)} at {step}" for step, _, each in points if name in each)
         for name in names
     )
     title = "When did it stop looking? Each channel's share by step: blue is used, orange ignored, hollow grey is open"

@@ -166,7 +166,7 @@ def _answer(verdict: PolicyVerdict) -> str:
     if verdict.guards:
         return " ".join(f"{name}: {GUARDS[name].says}." for name in verdict.guards) + " It gets no other verdict."
     said = (CAMERA[verdict.camera.label], STATE[verdict.state.label], INSTRUCTION[verdict.instruction.label])
-    unfit = [f"Its error is {verdict.misfit:.1f} of the log's variance: {_UNFIT}."] if is_unfit(verdict) else []
+    unfit = [f"Its error is {verdict.misfit:.1f} times the log's variance: {_UNFIT}."] if is_unfit(verdict) else []
     return " ".join([*unfit, *(label.says for label in said)])
 
 

@@ -13,7 +13,7 @@ from eyechart.channels import INSTRUCTION, STATE, TOLD, channels_of, require_his
 from eyechart.conditions import FROZEN, NO_HISTORY, OVER, PARTNERS, find_condition, require_corruptible, show
 from eyechart.conditions.policies import conditions_of, further_conditions, subset_conditions
 from eyechart.costs import CostEstimate
-from eyechart.errors import BankError, SpecError, did_you_mean
+from eyechart.errors import BankError, SpecError, did_you_mean, printable
 from eyechart.event_loops import make_calls
 from eyechart.frames import FrameBank
 from eyechart.importing.log_warnings import notes
@@ -118,7 +118,7 @@ class PolicyRun(Battery):
             if self.plan.motions.read(reply).action is not None:
                 return 0, ""
             count += 1
-            why = f"{reply.error}: {reply.error_detail}" if reply.error else self.plan.lacks(reply)
+            why = f"{reply.error}: {printable(reply.error_detail)}" if reply.error else self.plan.lacks(reply)
         return count, why
 
 

@@ -13,7 +13,7 @@ from eyechart.ledger import Attempts, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models import states
 from eyechart.models.prices import Prices, read_prices
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.run import MotionPlan
 from eyechart.spaces.motion import MOTION_READER
 from eyechart.stats.statistic import ModelStatistics, Statistic, not_available
@@ -35,16 +35,19 @@ CallAccounts = tuple[dict[str, dict[str, Account]], dict[str, tuple[Guard, ...]]
 
 
 @dataclass(frozen=True)
-class PolicyResult(KeyedRecord):
+class PolicyResult:
     """One policy: its statistics by name, its answers, and whether it draws them."""
-
-    written = "version motions.planned answered motions.missing drawn statistics"
 
     model: str
     version: str
     motions: Motions
     drawn: bool
     statistics: Mapping[str, Statistic]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        calls = to_json_fields(self.motions, "planned missing")
+        return to_json_fields(self, "version answered drawn statistics") | calls
 
     @property
     def answered(self) -> int:
@@ -53,19 +56,21 @@ class PolicyResult(KeyedRecord):
 
 
 @dataclass(frozen=True)
-class PolicyScore(KeyedRecord):
+class PolicyScore:
     """Every policy of a run, and the costs of its calls."""
-
-    written = (
-        "manifest.study bank=bank.name manifest.fingerprint manifest.seed manifest.prompt.space.reader channels "
-        "policies=models accounting guards"
-    )
 
     manifest: RunManifest
     bank: FrameBank
     models: Mapping[str, PolicyResult]
     accounting: Mapping[str, Mapping[str, Account]]
     guards: Mapping[str, tuple[Guard, ...]]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        space = self.manifest.prompt.space
+        run = to_json_fields(self.manifest, "study fingerprint seed", reader=space and space.reader)
+        own = to_json_fields(self, "channels accounting guards", policies=self.models)
+        return {**run, "bank": self.bank.name, **own}
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -85,7 +90,7 @@ class PolicyScore(KeyedRecord):
         )
 
     def scope(self, spec: str) -> str:
-        """Return the sentence that limits the verdict on a policy."""
+        """Return what limits the verdict on a policy, in words."""
         one = self.models[spec]
         frames = one.motions.plan.frames
         episodes = len({frame.drive for frame in frames})
@@ -93,7 +98,7 @@ class PolicyScore(KeyedRecord):
         prompt, others = (f" with prompt {self.manifest.prompt.key}", "other prompts, ") if states(spec) else ("", "")
         return (
             f"{where}, {spec}@{one.version}{prompt} on {self.manifest.created}; not tested: {others}other data, closed "
-            "loop, and what only few episodes would show."
+            "loop, and what only few episodes would show. Intervals are of 98 %."
         )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
 from eyechart.report.table import STATISTIC, Cell, Column, Mark, Table, columns, in_words, statistic_cells
+from eyechart.stats.shares import shown_share
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.policy.scores import PolicyScore, judge
 from eyechart.verdicts.labels import USES
@@ -48,7 +49,7 @@ def channel_table(verdicts: Verdicts) -> Table:
     for spec, one in verdicts.items():
         found = {} if one.guards else one.channels
         rows.append((spec, *(found.get(name) for name in names), _counts(found)))
-    head = (Column("policy", "word"), *columns("estimate", *names), Column("n", "count"))
+    head = (Column("policy", "word"), *columns("estimate", *names, least=0.0), Column("n", "count"))
     note = "the share of the policy's own variation that goes with a channel of another episode; 98 % intervals"
     if failed := [f"{spec} ({', '.join(verdict.guards)})" for spec, verdict in verdicts.items() if verdict.guards]:
         note = f"{note}; not computed where a guard failed: {', '.join(failed)}"
@@ -72,7 +73,13 @@ def statistics_table(score: PolicyScore) -> Table:
         for name, statistic in policy.statistics.items()
     ]
     head = (Column("policy", "word"), Column("statistic", "word"), *STATISTIC, Column("note"))
-    return Table("statistics", "every statistic", head, tuple(rows))
+    below = any(
+        one.value is not None and one.value < 0 and not _may_be_below_0(name)
+        for policy in score.models.values()
+        for name, one in policy.statistics.items()
+    )
+    note = "a share below 0 is the estimate of one near 0 of drawn answers: read it as 0" if below else ""
+    return Table("statistics", "every statistic", head, tuple(rows), note)
 
 
 def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: PolicyVerdict) -> Table:
@@ -85,9 +92,14 @@ def deciding_table(spec: str, statistics: Mapping[str, Statistic], verdict: Poli
         axes = [axis for axis, judged in verdict.axes.items() if judged.by == name]
         did = f"decided {' and '.join(axes)}: " if axes else ""
         is_ = MEANINGS.get(meant_by(name), "").replace("the same,", "the share of its own variation that goes,")
-        rows.append((name, in_words(one), f"{did}{is_}"))
+        rows.append((name, in_words(one if _may_be_below_0(name) else shown_share(one)), f"{did}{is_}"))
     made = (Column("statistic", "word"), Column("value"), Column("what it did, and is"))
     return Table("deciding", spec, made, tuple(rows))
+
+
+def _may_be_below_0(name: str) -> bool:
+    """Return whether a statistic is a difference, or goes along with something or against it."""
+    return name.startswith(("beyond", "follow", "shapley"))
 
 
 _MAIN = ("misfit", "noise", "T.swapped@cameras", "T.matched@cameras", "T.blank", "T.swapped@state")
@@ -151,7 +163,7 @@ def parts_table(score: PolicyScore) -> Table:
     rows: list[tuple[Cell, ...]] = [
         (*head, *(parts[part] for part in names)) for head, parts in _parts(score, "by_dimension", dict)
     ]
-    head = (Column("policy", "word"), Column("condition", "word"), *columns("number", *names))
+    head = (Column("policy", "word"), Column("condition", "word"), *columns("number", *names, least=0.0))
     return Table("dimensions", "how much of each dimension", head, tuple(rows))
 
 
@@ -165,7 +177,7 @@ def steps_table(score: PolicyScore) -> Table:
         (*head, *(parts[step] for step in kept)) for head, parts in _parts(score, "by_step", list)
     ]
     head = (Column("policy", "word"), Column("condition", "word"))
-    named = columns("number", *(f"step {step + 1}" for step in kept))
+    named = columns("number", *(f"step {step + 1}" for step in kept), least=0.0)
     note = "" if horizon <= _STEPS else f"{len(kept)} of {horizon} steps; 'eyechart score RUN --json' has all (by_step)"
     return Table("steps", "how much of each step of the horizon", (*head, *named), tuple(rows), note)
 

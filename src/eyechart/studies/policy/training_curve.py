@@ -65,7 +65,8 @@ class TrainingCheckpoint:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        shares = {name: to_json_fields(channel, "T=value ci n") for name, channel in self.verdict.channels.items()}
+        channels = self.verdict.channels.items()
+        shares = {name: to_json_fields(channel, "ci n", T=channel.value) for name, channel in channels}
         head = {"policy": self.policy.model, "version": self.policy.version, "step": self.step}
         return {**head, **self.labels, "guards": list(self.verdict.guards), "channels": shares}
 

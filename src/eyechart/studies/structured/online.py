@@ -312,7 +312,7 @@ class OnlineScore:
         """Return plain JSON values."""
         return {
             "study": "online",
-            **to_json_fields(self, "manifest.simulator prompt=manifest.prompt.key manifest.view"),
+            **to_json_fields(self.manifest, "simulator view", prompt=self.manifest.prompt.key),
             "worlds": [f"{check.scenario}/{check.seed}" for check in self.vetted if check.why is None],
             "refused": {f"{check.scenario}/{check.seed}": check.why for check in self.vetted if check.why is not None},
             "models": {

@@ -11,7 +11,7 @@ from eyechart.errors import LedgerError
 from eyechart.frames import FrameBank
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
-from eyechart.records import KeyedRecord
+from eyechart.records import to_json_fields
 from eyechart.spaces.discrete import DRIVING, Discrete
 from eyechart.spaces.scene import SCENE_READERS, SCENES, Estimate, SceneSpace
 from eyechart.stats.agreement import rate
@@ -157,17 +157,12 @@ def _nothing() -> Statistic:
 
 
 @dataclass(frozen=True)
-class EstimatorScore(KeyedRecord):
+class EstimatorScore:
     """One model's estimates and figures: over all frames, and over those before a collision.
 
     ``before`` is None where the bank does not record collisions. ``clauses`` are checked on
     ``statistics``.
     """
-
-    written = (
-        "version planned answered admitted=is_admitted clauses unread=told.reasons repairs=told.repairs statistics "
-        "before_collision=before"
-    )
 
     model: str
     version: str
@@ -177,6 +172,11 @@ class EstimatorScore(KeyedRecord):
     statistics: Mapping[str, Statistic]
     before: Mapping[str, Statistic] | None
     clauses: tuple[ClauseResult, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        said = {"unread": self.told.reasons, "repairs": self.told.repairs, "before_collision": self.before}
+        return to_json_fields(self, "version planned answered clauses statistics", admitted=self.is_admitted, **said)
 
     @property
     def is_admitted(self) -> bool:
@@ -190,15 +190,16 @@ class EstimatorScore(KeyedRecord):
 
 
 @dataclass(frozen=True)
-class StructuredScore(KeyedRecord, CallsScore[EstimatorScore]):
+class StructuredScore(CallsScore[EstimatorScore]):
     """The scores of an admission or structured run, and apart from them the costs of its calls."""
 
-    written = (
-        "manifest.study bank=bank.name manifest.fingerprint prompt=manifest.prompt.key manifest.view manifest.seed "
-        "space.reader pairs manifest.frames models accounting guards"
-    )
-
     pairs: int
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values."""
+        run = to_json_fields(self.manifest, "study fingerprint view seed frames", prompt=self.manifest.prompt.key)
+        own = to_json_fields(self, "pairs models accounting guards")
+        return {**run, "bank": self.bank.name, "reader": self.space.reader, **own}
 
     def __repr__(self) -> str:
         return f"<StructuredScore of {', '.join(self.models) or 'no model'} on {self.pairs} pairs of {self.bank.name}>"
