@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shlex
-import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +19,6 @@ import brakers
 import eyechart
 import photographs
 from banks import build_bank
-from eyechart.calls import Reply
 from eyechart.cli.app import app
 from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
@@ -437,21 +435,6 @@ def test_a_look_that_ends_right_after_its_bank_goes_on(here: Path, monkeypatch: 
     done = look(*words)
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
     assert done.stdout.startswith(ANSWERS)
-
-
-def test_calls_that_failed_and_were_not_needed_are_no_doubt_for_a_gate(
-    looked: tuple[Path, dict[str, str]], demo: Demo, here: Path
-) -> None:
-    """The screen says that a gate is inconclusive only where it is."""
-    shutil.copytree(looked[0] / "looks/scripted-constant", here / "one")
-    run = here / "one/run"
-    with Ledger(run / LEDGER, create=True) as ledger:
-        further = min(ledger.finished())._replace(repeat=7)
-        ledger.close(ledger.begin(further, "0" * 64), Reply(text="", error="connection", error_detail="gone"))
-    said = flat(look("scripted:constant", "--frames", demo.bank, "--out", "one").stdout)
-    gate = CliRunner().invoke(app, ["gate", str(run), "--require", "looks"])
-    assert gate.exit_code == 1
-    assert "ended in an error" not in said
 
 
 def test_a_policy_that_cannot_be_judged_is_sent_to_the_doctor(here: Path) -> None:
