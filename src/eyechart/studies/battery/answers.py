@@ -29,6 +29,9 @@ D = TypeVar("D")
 ABSENT = ""
 """The symbol of a call without a reply."""
 
+_SYMBOLS_KEPT = 500_000
+"""The most bytes of a condition's symbols that are kept; a symbol has 4 bytes a letter, and many models add up."""
+
 _FEW = 100
 """With fewer actions it is quicker to count the pairs of a column than to sort them."""
 
@@ -76,9 +79,17 @@ class Answers:
         if (condition, level) not in self._symbols:
             names = [self.space.symbol(action) for action in self._coded[0]]
             none = UNPARSED if level == "response" else ABSENT
-            made = np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2]
-            self._symbols[condition, level] = _fixed(made)
+            made = _fixed(np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2])
+            if made.nbytes > _SYMBOLS_KEPT:
+                return made
+            self._symbols[condition, level] = made
         return self._symbols[condition, level]
+
+    def codes(self, condition: str, level: str, names: Sequence[str]) -> Codes:
+        """Return the place of each frame's symbol in ``names``, -1 for ``ABSENT``; see `symbols`."""
+        place, none = {name: at for at, name in enumerate(names)}, UNPARSED if level == "response" else ABSENT
+        symbols = [ABSENT, none, *map(self.space.symbol, self._coded[0])]
+        return np.array([place.get(one, -1) for one in symbols], dtype=np.int64)[self._column(condition) + 2]
 
     @cached_property
     def _symbols(self) -> dict[tuple[str, str], Symbols]:
