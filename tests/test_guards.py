@@ -282,7 +282,7 @@ def test_a_request_that_differs_for_one_model_is_found_whatever_the_calls(
         )
         for model in ("openai:a", "openai:b", "openai:c")
         for at in range(40)
-        for digest in [("1" if at == 7 and model == "openai:b" else "0") + "0" * 63]
+        for digest in [f"{at:02x}{'f' if at == 7 and model == 'openai:b' else '0'}".ljust(64, "0")]
     ]
     checks = RequestChecks(columns_of(sent, read_in(DRIVING)), ["openai:a", "openai:b", "openai:c"])
     assert checks.guards("openai:c") == ()
