@@ -22,7 +22,7 @@ from eyechart.studies.battery.calibrated_statistics import CalibratedTests, Lazy
 from eyechart.studies.battery.depth import moved_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
-from eyechart.verdicts.depth import HARDER
+from eyechart.verdicts.depth import NEAR_FAR
 from eyechart_organisms.calibration.known_answers import KNOWN, KnownController, by_sight
 from eyechart_organisms.calibration.replication import answers_of, staged
 from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
@@ -128,7 +128,7 @@ def test_who_answers_to_the_picture_before_as_well_earns_no_depth(share: float, 
     one = picture_before(answers)
     assert one.ci is not None
     assert one.ci[1] > 0
-    assert judged(answers) == ("depth_associated", f"{HARDER}; {MEMORY}")
+    assert judged(answers) == ("depth_associated", f"{NEAR_FAR}; {MEMORY}")
     unknown = replace(answers, sent={})
     assert picture_before(unknown).value is None
     assert judged(unknown)[0] == "depth"
