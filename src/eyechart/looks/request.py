@@ -66,7 +66,9 @@ class LookRequest:
         return self.out / "report.html"
 
     def require_own_folder(self) -> None:
-        """Raise SpecError if the folder holds a look at another model, whose request mode would be lost."""
+        """Raise SpecError if the folder is a file, or holds a look at another model, whose mode would be lost."""
+        if self.out.exists() and not self.out.is_dir():
+            raise SpecError(f"{self.out} is a file, and a look needs a folder: give another --out")
         kept = self.out / MODE
         before = read_manifest(self.run).models if is_run(self.run) else ()
         of = [*before] or ([read_mode(kept).spec] if kept.is_file() else [])
