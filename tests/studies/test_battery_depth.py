@@ -22,6 +22,7 @@ from eyechart.studies.battery.calibrated_statistics import CalibratedTests, Lazy
 from eyechart.studies.battery.depth import moved_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
+from eyechart.verdicts.depth import NEAR_FAR
 from eyechart_organisms.calibration.known_answers import KNOWN, KnownController, by_sight
 from eyechart_organisms.calibration.replication import answers_of, staged
 from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
@@ -74,7 +75,7 @@ def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:
     """What the bank records of its frames is a place; a scenario that is nothing else is named too."""
     label, said = judged(asked(_reader_but(4), world))
     assert label == "partial_depth"
-    assert "not in `light`, where lanes is 4: 0 of 35 each;" in said
+    assert "in `light`, where lanes is 4: 0 of 35 each;" in said
 
 
 def in_turn(share: float, coin: float, world: World) -> Answers:
@@ -127,7 +128,7 @@ def test_who_answers_to_the_picture_before_as_well_earns_no_depth(share: float, 
     one = picture_before(answers)
     assert one.ci is not None
     assert one.ci[1] > 0
-    assert judged(answers) == ("depth_associated", f"it brakes harder where the lead is nearer; {MEMORY}")
+    assert judged(answers) == ("depth_associated", f"{NEAR_FAR}; {MEMORY}")
     unknown = replace(answers, sent={})
     assert picture_before(unknown).value is None
     assert judged(unknown)[0] == "depth"

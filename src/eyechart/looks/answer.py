@@ -97,7 +97,8 @@ class Look:
         if self.pictures:
             rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
             rows += [(picture.shows, picture.words) for picture in self.pictures]
-        return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |\n" if row else "\n" for row in rows)
+        cells = ([" ".join(cell.split()).replace("|", "/") for cell in row] for row in rows)
+        return "".join(f"| {' | '.join(row)} |\n" if row else "\n" for row in cells)
 
     def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
         """Yield the screen in lines of at most 80 columns; ``shown`` converts a text to display."""
