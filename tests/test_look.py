@@ -140,7 +140,7 @@ def test_the_first_sentence_is_the_rulings_and_that_it_was_settled_early_stands_
 def test_who_is_blind_in_one_place_looks_in_part(demo: Demo, here: Path) -> None:
     """The place stands by its name with counts; a callable is named as a module has it."""
     said = flat(screen("brakers:but_four_lanes", "--frames", demo.bank, code=1))
-    assert said.startswith("In part. Its braking follows distance, but not everywhere")
+    assert said.startswith("In part. It has no authority in the named places, where its braking hardly answers")
     assert re.search(
         r"Not (in \w+, )*in light(, [^.:]+)?: it brakes harder for the nearer lead on 0 of [1-9]\d* frames", said
     )
