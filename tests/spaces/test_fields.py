@@ -152,6 +152,11 @@ def test_a_number_belongs_to_the_first_range_that_holds() -> None:
         ({"fields": [{"name": "a", "values": ["x", "y"], "brake": ["x"], "proceed": ["x"]}]}, "cannot both"),
         ({"fields": [{"name": "a", "values": ["x", "y"], "from_column": "z"}]}, "not both"),
         ({"fields": [{"name": "a"}, {"name": "b", "key": "b"}]}, "needs a key or a pattern"),
+        (
+            {"fields": [{"name": "a", "key": "p.x"}, {"name": "b", "key": "p.x.y"}]},
+            "key 'p.x.y' is inside 'p.x', which is the value of another field",
+        ),
+        ({"fields": [{"name": one, "pattern": "x: (a|b)"} for one in "ab"]}, "two fields have one pattern: x"),
         ({"fields": [{"name": "a", "key": "x"}, {"name": "b", "key": "x"}]}, "one key"),
     ],
 )

@@ -332,10 +332,18 @@ def require_fields(fields: Sequence[AnswerField]) -> None:
     """Raise SpecError for no fields, for equal names or places, or if words are to hold several."""
     if not fields:
         raise SpecError("[answer] has no fields; declare at least one")
-    for what, given in (("name", [one.name for one in fields]), ("key", [one.key for one in fields])):
+    places: dict[str, list[str | None]] = {
+        "name": [one.name for one in fields],
+        "key": [one.key for one in fields],
+        "pattern": [one.pattern for one in fields],
+    }
+    for what, given in places.items():
         named = [one for one in given if one is not None]
         if len(set(named)) != len(named):
             raise SpecError(f"[answer]: two fields have one {what}: {', '.join(named)}")
+    keys = [one.key for one in fields if one.key is not None]
+    if inside := next(((one, other) for one in keys for other in keys if other.startswith(f"{one}.")), None):
+        raise SpecError(f"[answer]: key '{inside[1]}' is inside '{inside[0]}', which is the value of another field")
     for one in fields:
         if len(fields) > 1 and one.key is None and one.pattern is None:
             raise SpecError(
