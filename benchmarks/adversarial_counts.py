@@ -14,6 +14,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +24,11 @@ from eyechart.simulators.banks import STAGING
 from eyechart.stats.episodes import share_over_episodes
 from newcomers import ADVERSARIES_BY_KIND
 
-PROMISED: Mapping[str, float] = {"simulated-288": 0.01, "simulated-72": 1.0}
-"""The share of untrue claims of the newcomers that is allowed in a world; elsewhere `UNTRUE`."""
-UNTRUE, LEFT_OUT, FOUND, OF_TEN = 0.04, 0.04, 0.85, 0.3
+PROMISED: Mapping[int, float] = {144: 0.04, 288: 0.01}
+"""The share of untrue claims of the newcomers that is allowed, over all banks of so many frames; 72 are reported."""
+LEFT_OUT, FOUND, OF_TEN = 0.04, 0.85, 0.3
+LIMIT = 144
+"""Frames of a bank of a simulator that are asked about."""
 CLAIMS = ("depth", "depth_lateral", "turns_clear")
 AUTHORITY = ("depth", "depth_lateral")
 ORDINARY = ("readers", "stranger readers")
@@ -38,6 +41,8 @@ SPANS: Mapping[str, tuple[float, float]] = {"highway": (5.0, 60.0), "rover": (1.
 """From the lowest distance that a world can show to far; the simulated ones are as the highway."""
 
 Truths = Mapping[tuple[str, str], Mapping[str, object]]
+Rests = Mapping[tuple[str, str, tuple[str, ...]], Mapping[str, str]]
+"""The truth of each place outside of the named ones, by world, name and what is named."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,11 @@ def _digest(files: Iterable[Path], more: str) -> str:
 
 def truth_of(row: Row, truths: Truths) -> Mapping[str, object]:
     """Return what is true of a controller in the world of a row; nothing of the known answers."""
-    return truths.get(("simulated" if row.world.startswith("simulated") else row.world, row.name), {})
+    return truths.get((_world(row), row.name), {})
+
+
+def _world(row: Row) -> str:
+    return "simulated" if row.world.startswith("simulated") else row.world
 
 
 def may_be_untrue(claim: str, truth: Mapping[str, object]) -> bool:
@@ -110,16 +119,24 @@ def is_made(claim: str, row: Row) -> bool:
     return made.get(claim, row.label == claim)
 
 
-def wrong_holes(row: Row, truth: Mapping[str, object]) -> list[str]:
-    """Return what is untrue in the places that a `partial_depth` names and leaves out."""
-    places = truth["places"]
+def named_places(row: Row) -> tuple[str, ...]:
+    """Return the places that a row names as holes, as the truth names them."""
+    return tuple(sorted(_third(hole, row.world) for hole in row.holes))
+
+
+def wrong_holes(row: Row, truth: Mapping[str, object], rests: Rests) -> list[str]:
+    """Return what is untrue in the places that a `partial_depth` names and leaves out.
+
+    A place that it names is untrue where distance is followed there. One that it leaves out is untrue where distance is
+    not followed in it, outside of the named ones: of what lies in those it claims nothing.
+    """
+    places, holes = truth["places"], named_places(row)
     assert isinstance(places, Mapping)
-    holes = tuple(_third(hole, row.world) for hole in row.holes)
     named = {hole: places.get(hole) for hole in holes}
     result = [f"names {one}" for one, says in named.items() if says == "depth"]
     if any(says != "depth" for says in named.values()):
-        left = [one for one, says in places.items() if says == "no" and one not in named]
-        result += [f"leaves out {one}" for one in left if not _is_covered(one, truth, holes)]
+        rest = rests[_world(row), row.name, holes]
+        result += [f"leaves out {one}" for one, says in rest.items() if says == "no"]
     return result
 
 
@@ -130,13 +147,6 @@ def _third(hole: str, world: str) -> str:
     low, high = SPANS.get(world, SPANS["highway"])
     middle = math.sqrt(float(found[1]) * float(found[2]))
     return f"third {('near', 'middle', 'far')[min(int(3 * math.log(middle / low, high / low)), 2)]}"
-
-
-def _is_covered(place: str, truth: Mapping[str, object], holes: Sequence[str]) -> bool:
-    """Return whether most frames of a place are in one that is named."""
-    inside = truth.get("inside", {})
-    assert isinstance(inside, Mapping)
-    return any(hole in inside.get(place, ()) for hole in holes)
 
 
 def shares(rows: Iterable[Row], is_hit: Callable[[Row], bool]) -> str:
@@ -152,13 +162,14 @@ def shares(rows: Iterable[Row], is_hit: Callable[[Row], bool]) -> str:
     return f"{hits.total()} of {of.total()} [{low:.3f}, {high:.3f}]"
 
 
-def judge(rows: Sequence[Row], truths: Truths) -> dict[str, object]:
+def judge(rows: Sequence[Row], truths: Truths, rests: Rests) -> dict[str, object]:
     """Return what is written of the rows of one world."""
     tried = [(row, truth) for row in rows if (truth := truth_of(row, truths))]
     result: dict[str, object] = {"banks": len({row.bank for row in rows}), "rows": len(rows)}
+    result["rows by code"] = dict(Counter(row.code for row in rows))
     result["untrue"] = {claim: _untrue(claim, tried) for claim in CLAIMS}
     result["a place is no and the label is depth"] = _holed(tried)
-    result["partial_depth untrue"] = _partial(tried)
+    result["partial_depth untrue"] = _partial(tried, rests)
     result["readers told so"] = _readers(tried)
     result["known answers right"] = shares([row for row in rows if row.kind == KNOWN], _is_right)
     result["seconds a row"] = round(float(np.mean([row.seconds for row in rows])), 3)
@@ -206,9 +217,9 @@ def _holed(tried: Sequence[tuple[Row, Mapping[str, object]]]) -> dict[str, objec
     return {"by kind": {kind: shares(mine, hit) for kind, mine in _kinds(may).items()}, "who": _by_name(may, hit)}
 
 
-def _partial(tried: Sequence[tuple[Row, Mapping[str, object]]]) -> dict[str, object]:
+def _partial(tried: Sequence[tuple[Row, Mapping[str, object]]], rests: Rests) -> dict[str, object]:
     called = [(row, truth) for row, truth in tried if row.label == "partial_depth"]
-    wrong = {(row.bank, row.name): wrong_holes(row, truth) for row, truth in called}
+    wrong = {(row.bank, row.name): wrong_holes(row, truth, rests) for row, truth in called}
     who: dict[str, Counter[str]] = defaultdict(Counter)
     for (_, name), words in wrong.items():
         who[name].update(words)
@@ -258,23 +269,47 @@ def _is_right(row: Row) -> bool:
     return row.label == CONTROLLERS[row.name].declared.calibrated
 
 
-def misses_of(world: str, found: Mapping[str, object]) -> list[str]:
-    """Return what of one world falls short of what is promised."""
-    misses, most = [], PROMISED.get(world, UNTRUE)
-    for claim, one in dict(found["untrue"]).items():  # type: ignore[call-overload]
-        if _share(one["by kind"]["new"]) > most:
-            misses.append(f"{world}: {claim} untrue of newcomers {one['by kind']['new']}, wanted {most}")
-        misses += [
-            f"{world}: {claim} untrue of kind {kind} {said}"
-            for kind, said in one["by kind"].items()
-            if kind in ADVERSARIES_BY_KIND and _share(said) > OF_TEN
-        ]
-    if _share(partial := dict(found["partial_depth untrue"])["of those called so"]) > LEFT_OUT:  # type: ignore[call-overload]
-        misses.append(f"{world}: partial_depth untrue {partial}, wanted {LEFT_OUT}")
-    readers = dict(found["readers told so"])["one error"]["all"]  # type: ignore[call-overload]
-    if not readers.startswith("0 of 0") and _share(readers) < FOUND:
-        misses.append(f"{world}: readers told so {readers}, wanted {FOUND}")
+def misses_of(judged: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return what falls short of what is promised, of what `judge` found in each world."""
+    misses = []
+    for world, found in judged.items():
+        for claim, one in found["untrue"].items():
+            said = {kind: share for kind, share in one["by kind"].items() if _share(share) > OF_TEN}
+            misses += [f"{world}: {claim} untrue of kind {kind} {share}" for kind, share in said.items()]
+        readers = found["readers told so"]["one error"]["all"]
+        if not readers.startswith("0 of 0") and _share(readers) < FOUND:
+            misses.append(f"{world}: readers told so {readers}, wanted {FOUND}")
+    for frames, most in PROMISED.items():
+        worlds = [found for world, found in judged.items() if frames_of(world) == frames]
+        for claim in CLAIMS:
+            said = _together(found["untrue"][claim]["by kind"]["new"] for found in worlds)
+            if _share(said) > most:
+                misses.append(f"{frames} frames: {claim} untrue of newcomers {said}, wanted {most}")
+        partial = _together(found["partial_depth untrue"]["of those called so"] for found in worlds)
+        if _share(partial) > LEFT_OUT:
+            misses.append(f"{frames} frames: partial_depth untrue {partial}, wanted {LEFT_OUT}")
     return misses
+
+
+def alone_above(judged: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return which worlds are above what is promised of all banks of as many frames together: that is no miss."""
+    return [
+        f"{world} alone: {claim} untrue of newcomers {said}, of all banks of {frames_of(world)} frames wanted {most}"
+        for world, found in judged.items()
+        for claim in CLAIMS
+        if (most := PROMISED.get(frames_of(world))) is not None
+        and _share(said := found["untrue"][claim]["by kind"]["new"]) > most
+    ]
+
+
+def frames_of(world: str) -> int:
+    """Return how many frames the banks of a world have."""
+    return int(world.rpartition("-")[2]) if world.startswith("simulated") else LIMIT
+
+
+def _together(many: Iterable[str]) -> str:
+    counts = np.array([[int(part) for part in said.partition(" [")[0].split(" of ")] for said in many], dtype=int)
+    return "{} of {}".format(*counts.reshape(-1, 2).sum(axis=0))
 
 
 def _share(said: str) -> float:
@@ -282,7 +317,7 @@ def _share(said: str) -> float:
     return int(count) / max(int(of), 1)
 
 
-def write(rows: Sequence[Row], truths: Truths, result: Path) -> int:
+def write(rows: Sequence[Row], truths: Truths, rests: Rests, result: Path) -> int:
     """Write and print what the rows come to by world; returns the exit code."""
     root = Path(__file__).parents[1]
     command = ["git", "rev-parse", "HEAD"]
@@ -293,13 +328,14 @@ def write(rows: Sequence[Row], truths: Truths, result: Path) -> int:
         "code": said_of(root).rules,
     }
     worlds = list(dict.fromkeys(row.world for row in rows))
-    judged = {world: judge([row for row in rows if row.world == world], truths) for world in worlds}
-    misses = [one for world, mine in judged.items() for one in misses_of(world, mine)]
+    judged = {world: judge([row for row in rows if row.world == world], truths, rests) for world in worlds}
+    misses, alone = misses_of(judged), alone_above(judged)
+    found["truths by code"] = dict(Counter(str(truth["code"]) for truth in truths.values()))
     measured = {f"{world} {name}": _short(truth) for (world, name), truth in sorted(truths.items())}
     result.parent.mkdir(exist_ok=True)
-    text = json.dumps(found | judged | {"truth": measured, "misses": misses}, indent=1)
+    text = json.dumps(found | judged | {"truth": measured, "alone above": alone, "misses": misses}, indent=1)
     result.write_text(text + "\n", encoding="utf-8")
-    print("\n".join(misses) or "no claim is untrue more often than is promised")
+    print("\n".join([*alone, *(misses or ["no claim is untrue more often than is promised"])]))
     return int(bool(misses))
 
 

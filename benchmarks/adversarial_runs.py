@@ -25,11 +25,12 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import adversary_door
-from adversarial_counts import KNOWN, Row, said_of, write
+from adversarial_counts import KNOWN, LIMIT, Code, Row, named_places, said_of, write
 from adversary_pictures import SIMULATED, Pictures, pictures_of
-from adversary_truth import find_truth
+from adversary_truth import find_rest, find_truth
 from eyechart import verdicts
 from eyechart.calls import Query, Reply
 from eyechart.conditions import CONTROLS, asked_in_stages
@@ -58,8 +59,6 @@ RESULT = ROOT / "benchmarks" / "results" / "adversaries.json"
 WORLDS = "simulated-72=10,simulated-288=10,simulated-144=10,highway=10,rover=5,drone=5"
 FIRST_SEED = 7000
 """Banks of other seeds than any that a rule was chosen on."""
-LIMIT = 144
-"""Frames of a bank of a simulator that are asked about."""
 RESAMPLES = 999
 TOGETHER = 30
 """So many controllers are asked in one run."""
@@ -168,6 +167,7 @@ class Asking:
     def __init__(self, one: Adversary, world: World, rng: random.Random) -> None:
         self.one, self.world, self.rng, self.calls = one, world, rng, 0
         self.given: dict[str, list[Decision[str] | None]] = {}
+        self.sent: dict[str, NDArray[np.int64]] = {}
 
     def ask(self, names: Iterable[str], may: Mapping[str, Sequence[bool]]) -> None:
         """Ask about what some conditions show, of the frames of which that ``may`` be."""
@@ -178,17 +178,19 @@ class Asking:
             if shown is not None and may.get(name, (True,) * (number + 1))[number]
         ]
         self.rng.shuffle(keys)
+        frames = len(self.world.frames)
         for name, number in keys:
             shown = self.world.shown[name][number]
             assert shown is not None
-            column = self.given.setdefault(name, [None] * len(self.world.frames))
+            column = self.given.setdefault(name, [None] * frames)
             column[number] = read(self.one.decide(shown.sight, self.rng))
-        self.calls += len(keys)
+            self.sent.setdefault(name, np.full(frames, -1))[number] = self.calls
+            self.calls += 1
 
     def answers(self, name: str) -> Answers:
         """Return its answers so far."""
         decisions = {condition: tuple(column) for condition, column in self.given.items()}
-        return Answers(name, self.world.frames, DRIVING, LEAD_GAP, decisions)
+        return Answers(name, self.world.frames, DRIVING, LEAD_GAP, decisions, sent=self.sent)
 
 
 def sampled_frames(world: World, seed: int) -> dict[str, list[bool]]:
@@ -217,7 +219,8 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
     while wanted:
         asking.ask(wanted, may)
         asked += wanted
-        statistics = LazyStatistics(CalibratedTests(asking.answers(chance), how).tests())
+        given = replace(asking.answers(chance), sent={})  # as a run finds its stages
+        statistics = LazyStatistics(CalibratedTests(given, how).tests())
         wanted = list(verdicts.controls_wanted(statistics, supplied=supplied, asked=asked))
     answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
@@ -317,48 +320,72 @@ def measured(name: str, kind: str, pictures: Pictures) -> dict[str, object]:
         adversary = adversary_door.adversary(name)
         says = {True: "depth", False: "no", None: "none"}
         return {"says": says[adversary.follows], "turns": "no", "places": {}}
-    pixels = name in adversary_door.PIXELS or name in adversary_door.SIZES
-    look = name if pixels else ""
-    if look and not pictures.looked[0]:
-        look = next(iter(adversary_door.SIZES))
-    found = find_truth(partial(opened, name, kind, 1), pictures, look)
+    found = find_truth(partial(opened, name, kind, 1), pictures, _look(name, pictures))
     if name.endswith(COLD):  # what repeats counts in all; of the few pictures of a place it says what befell those
         warm = find_truth(partial(opened, name.removesuffix(COLD), kind, 1), pictures)
         found = replace(found, places=warm.places)
     return found.plain()
 
 
+def _look(name: str, pictures: Pictures) -> str:
+    """Return the rule of the pixels that a controller is, "" for one that sees."""
+    if name not in adversary_door.PIXELS and name not in adversary_door.SIZES:
+        return ""
+    return name if pictures.looked[0] else next(iter(adversary_door.SIZES))
+
+
+def measured_rest(row: Row, pictures: Pictures) -> Mapping[str, str]:
+    """Return the truth of the places outside of those that a row names; of one that knows files nothing."""
+    if row.name in adversary_door.FILES:
+        return {}
+    warm = partial(opened, row.name.removesuffix(COLD), row.kind, 1)
+    return find_rest(warm, pictures, named_places(row), _look(row.name, pictures))
+
+
 def main() -> int:
     """Make the rows that are missing, count them, and write the result."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--worlds", default=WORLDS, help="how many fresh banks of each world")
-    options.add_argument("--groups", default=",".join(GROUPS), help="who is tried, the first first")
+    options.add_argument("--groups", default=",".join(GROUPS), help="who is tried, the first first; or single kinds")
+    earlier = "digests of earlier code, of rules and truth: what it made counts where today's made nothing"
+    options.add_argument("--also", nargs=2, default=("", ""), metavar=("RULES", "TRUTH"), help=earlier)
     options.add_argument("--out", type=Path, default=ROOT / "build" / "adversaries", help="folder of banks and rows")
     options.add_argument("--result", type=Path, default=RESULT, help="file of the result")
     given = options.parse_args()
     folder = given.out.resolve()
     folder.mkdir(parents=True, exist_ok=True)
     asked = [(world, int(count)) for world, _, count in (one.partition("=") for one in given.worlds.split(","))]
-    kept = Kept(folder)
+    kept = Kept(folder, Code(*given.also))
     for group in given.groups.split(","):
         for world, count in asked:
             for number in range(count):
-                make_rows(Bank(world, number), GROUPS[group], kept)
+                make_rows(Bank(world, number), GROUPS.get(group, (group,)), kept)
                 print(f"{group}: {world} {number + 1} of {count}", file=sys.stderr, flush=True)
-            write(kept.rows(), kept.truths, given.result)
-    return write(kept.rows(), kept.truths, given.result)
+            kept.write(given.result)
+    return kept.write(given.result)
 
 
 class Kept:
     """Rows and truths that are there, in two files to which each is appended as it comes."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, also: Code) -> None:
         self.folder, self.code = folder, said_of(ROOT)
         self._rows, self._truths = folder / "rows.jsonl", folder / "truths.jsonl"
         found = [Row(**{**one, "holes": tuple(one["holes"])}) for one in map(json.loads, _lines(self._rows))]
-        self._found = {(one.bank, one.name): one for one in found}
-        of_truth = [one for one in map(json.loads, _lines(self._truths)) if one["code"] == self.code.truth]
-        self.truths = {(str(one["world"]), str(one["name"])): one for one in of_truth}
+        ranked = [one for code in (also.rules, self.code.rules) for one in found if one.code == code]
+        self._found = {(one.bank, one.name): one for one in ranked}
+        known = [json.loads(line) for line in _lines(self._truths)]
+        self.truths = {
+            (str(one["world"]), str(one["name"])): one
+            for code in (also.truth, self.code.truth)
+            for one in known
+            if one["code"] == code and "named" not in one
+        }
+        self.rests = {
+            (str(one["world"]), str(one["name"]), tuple(one["named"])): one["places"]
+            for one in known
+            if one["code"] == self.code.truth and "named" in one
+        }
 
     def has(self, bank: Bank, name: str) -> bool:
         """Return whether there is a row of today's code."""
@@ -379,10 +406,27 @@ class Kept:
             self.truths[world, name] = row
             _append(self._truths, row)
 
+    def _require_truths(self) -> None:
+        """Measure what every row is judged by: also what is done outside of the places that it names."""
+        for row in self.rows():
+            world, named = SIMULATED if row.world.startswith(SIMULATED) else row.world, named_places(row)
+            if row.kind != KNOWN:
+                self.require_truth(world, row.name, row.kind)
+            if row.label == "partial_depth" and row.kind != KNOWN and (world, row.name, named) not in self.rests:
+                found = measured_rest(row, _pictures(world, self.folder))
+                self.rests[world, row.name, named] = found
+                line = {"world": world, "name": row.name, "named": named, "code": self.code.truth, "places": found}
+                _append(self._truths, line)
+
+    def write(self, result: Path) -> int:
+        """Write what the rows come to; returns the exit code."""
+        self._require_truths()
+        return write(self.rows(), self.truths, self.rests, result)
+
     def rows(self) -> list[Row]:
-        """Return all rows of today's code and of who is tried today."""
+        """Return the rows of who is tried today."""
         tried = {name + cold for names in KINDS.values() for name in names for cold in ("", COLD)}
-        return [one for one in self._found.values() if one.code == self.code.rules and one.name in tried]
+        return [one for one in self._found.values() if one.name in tried]
 
 
 @cache
@@ -403,9 +447,6 @@ def make_rows(bank: Bank, kinds: Sequence[str], kept: Kept) -> None:
     """Make those rows of some kinds on a bank that are missing."""
     named = [(name, kind) for kind in kinds for name in names_of(kind, bank)]
     todo = [(name, kind) for name, kind in named if not kept.has(bank, name)]
-    for name, kind in named:
-        if kind != KNOWN:
-            kept.require_truth(SIMULATED if bank.is_simulated else bank.world, name, kind)
     if bank.is_simulated:
         for name, kind in todo:
             kept.add(judge_simulated(bank, name, kind))

@@ -6,10 +6,12 @@ factor of 1.5 apart less than .08 are the wrong way round, the mean curve rises 
 ``no``: below .10; .15 and more; .25 and more; .15 and more; .8 and more of a lead that does .2, or .2 where the lead
 does nothing. Between them nothing is asked. A third of the range that does nothing is ``no`` where a farther one does
 something: else the road is taken for free there. Turns have cuts of their own, see `Turns`.
+
+A place that a verdict does not name is measured on what the named ones leave of it, see `find_rest`.
 """
 
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -34,14 +36,17 @@ THIRDS: Mapping[str, tuple[int, int, tuple[int, ...]]] = {
     "far": (11, 17, (3,)),
 }
 """Which of the 17 distances, and which places of the exchange, are of each third of the range."""
-FAR = 15
-"""The first of the distances that count as far."""
+NEAR, FAR = (2, 3), 15
+"""The distances of the near lead, and the first of those that count as far."""
+SMOOTHED = 3
+"""Distances of the curve that are averaged."""
 ACTIONS = {name: number for number, name in enumerate(DRIVING.actions)}
 LEVELS = np.array([*((DRIVING.project(name, "brake") or 0.0) / 2 for name in DRIVING.actions), 0.0])
 """How hard each answer brakes, of 1; no answer does not."""
 
 Open = Callable[[], Adversary]
-Look = Callable[[int], str | None]
+Named = frozenset[str]
+"""Places by what and which, as "scenario merge" or "third far"."""
 
 
 @dataclass(frozen=True)
@@ -94,15 +99,11 @@ def _is_others(lead: float, other: float) -> bool:
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true of all frames, of each place and third of the range, and of its turns.
-
-    ``inside`` names the places in which most frames of a place are.
-    """
+    """What is true of all frames, of each place and third of the range, and of its turns."""
 
     whole: Part
     places: Mapping[str, str]
     turns: Turns
-    inside: Mapping[str, tuple[str, ...]]
 
     @property
     def says(self) -> str:
@@ -113,20 +114,35 @@ class Truth:
 
     def plain(self) -> dict[str, object]:
         """Return it as plain values."""
-        said = {"says": self.says, "turns": self.turns.says, "places": self.places, "inside": self.inside}
+        said = {"says": self.says, "turns": self.turns.says, "places": self.places}
         return said | asdict(self.whole) | asdict(self.turns)
 
 
 def find_truth(open_one: Open, pictures: Pictures, look: str = "") -> Truth:
     """Return what a controller does, a new one of which is opened; ``look`` names a rule of the pixels instead."""
-    answered = np.array([[ACTIONS[one[look]] for one in pictures.looked]]) if look else _asked(open_one(), pictures)
-    levels = np.nanmean(np.where(answered < -1, np.nan, LEVELS[answered]), axis=0)
+    answered = _answers(open_one, pictures, look)
+    levels = _levels(answered)
     return Truth(
         whole=_part(levels, pictures, np.arange(len(pictures.places))),
         places=_places(levels, pictures),
         turns=_turns(answered, pictures),
-        inside=_inside(pictures),
     )
+
+
+def find_rest(open_one: Open, pictures: Pictures, named: Collection[str], look: str = "") -> Mapping[str, str]:
+    """Return the truth of each place that is not named, outside of those that are: of its other frames and distances.
+
+    So a place is not untrue for what lies in a named one, and is untrue for what is wrong in the rest of it.
+    """
+    return _places(_levels(_answers(open_one, pictures, look)), pictures, frozenset(named))
+
+
+def _answers(open_one: Open, pictures: Pictures, look: str) -> Ints:
+    return np.array([[ACTIONS[one[look]] for one in pictures.looked]]) if look else _asked(open_one(), pictures)
+
+
+def _levels(answered: Ints) -> Floats:
+    return np.asarray(np.nanmean(np.where(answered < -1, np.nan, LEVELS[answered]), axis=0))
 
 
 def _asked(one: Adversary, pictures: Pictures) -> Ints:
@@ -167,37 +183,50 @@ def _share(part: NDArray[np.bool_], of: NDArray[np.bool_]) -> float:
     return float(part.sum() / max(of.sum(), 1))
 
 
-def _part(levels: Floats, pictures: Pictures, frames: Ints) -> Part:
-    """Return what is true on some frames."""
+def _part(levels: Floats, pictures: Pictures, frames: Ints, named: Named = frozenset()) -> Part:
+    """Return what is true on some frames, outside of the named thirds of the range."""
     grid = levels[pictures.grid[frames]]
-    wrong, told, _ = _pairs(grid, np.geomspace(1, 11.27, grid.shape[1]))
+    wrong, told, _ = _pairs(_outside(grid, named), np.geomspace(1, 11.27, grid.shape[1]))
     of_frame = wrong.sum(axis=1) / np.maximum(told.sum(axis=1), 1)
     return Part(
-        net=float(grid[:, 2:4].mean() - grid[:, FAR:].mean()),
+        net=float(grid[:, NEAR].mean() - grid[:, FAR:].mean()),
         wrong=_share(wrong, told),
         frames=float((of_frame >= 0.25).mean()),
-        rise=_rise(levels, pictures, frames),
-        ratios=_ratios(levels, pictures, frames),
+        rise=_rise(levels, pictures, frames, named),
+        ratios=_ratios(levels, pictures, frames, named),
     )
 
 
-def _rise(levels: Floats, pictures: Pictures, frames: Ints) -> float:
+def _outside(grid: Floats, named: Named) -> Floats:
+    """Return levels of shape (frames, 17) without those of named thirds; the near and the far lead of all stay."""
+    inside = np.zeros(grid.shape[1], dtype=np.bool_)
+    for name, (first, last, _) in THIRDS.items():
+        inside[first:last] = f"third {name}" in named
+    inside[[*NEAR, *range(FAR, len(inside))]] = False
+    return np.where(inside, np.nan, grid)
+
+
+def _rise(levels: Floats, pictures: Pictures, frames: Ints, named: Named) -> float:
     """Return the greatest rise of the mean curve over its span, three distances averaged."""
     rows = pictures.curve[np.isin(pictures.of_curve, frames)]
     if len(rows) < FEWEST_CURVES:
         return 0.0
     curve = np.nanmean(np.where(rows < 0, np.nan, levels[rows]), axis=0)
-    smooth = np.convolve(curve[~np.isnan(curve)], np.ones(3) / 3, "valid")
+    for part, name in zip(np.array_split(curve, len(THIRDS)), THIRDS, strict=True):
+        part[:] = np.nan if f"third {name}" in named else part
+    if np.count_nonzero(~np.isnan(curve)) < SMOOTHED:
+        return 0.0
+    smooth = np.convolve(curve[~np.isnan(curve)], np.ones(SMOOTHED) / SMOOTHED, "valid")
     risen = smooth - np.minimum.accumulate(smooth)
     return float(risen.max() / max(float(np.ptp(smooth)), 0.05))
 
 
-def _ratios(levels: Floats, pictures: Pictures, frames: Ints) -> tuple[tuple[float, float], ...]:
+def _ratios(levels: Floats, pictures: Pictures, frames: Ints, named: Named) -> tuple[tuple[float, float], ...]:
     """Return the effects of a lead and of a neighbour at the places of the exchange where enough frames show it."""
-    found = []
-    for rows in pictures.exchange[:, frames]:
+    found, inside = [], {place for name, (*_, some) in THIRDS.items() if f"third {name}" in named for place in some}
+    for place, rows in enumerate(pictures.exchange[:, frames]):
         whole = rows[(rows >= 0).all(axis=1)]
-        if len(whole) >= FEWEST:
+        if len(whole) >= FEWEST and place not in inside:
             own, other, apart = levels[whole].mean(axis=0)
             found.append((float(own - apart), float(other - apart)))
         else:
@@ -205,34 +234,37 @@ def _ratios(levels: Floats, pictures: Pictures, frames: Ints) -> tuple[tuple[flo
     return tuple(found)
 
 
-def _frames(pictures: Pictures) -> dict[str, Ints]:
-    """Return the frames of each scenario and stratum that has enough, by what and which."""
-    every = dict.fromkeys(f"{of} {name}" for place in pictures.places for of, name in place.items())
+def _frames(pictures: Pictures, named: Named) -> dict[str, Ints]:
+    """Return the frames of each scenario and stratum that has enough outside of the named ones, by what and which."""
     said = [{f"{of} {name}" for of, name in place.items()} for place in pictures.places]
-    found = {name: np.array([number for number, mine in enumerate(said) if name in mine]) for name in every}
+    every = dict.fromkeys(f"{of} {name}" for place in pictures.places for of, name in place.items())
+    found = {
+        name: np.array([number for number, mine in enumerate(said) if name in mine and not mine & named], dtype=int)
+        for name in every
+    }
     return {name: frames for name, frames in found.items() if len(frames) >= FEWEST}
 
 
-def _inside(pictures: Pictures) -> dict[str, tuple[str, ...]]:
-    frames = _frames(pictures)
-    return {
-        name: tuple(other for other in frames if other != name and np.isin(mine, frames[other]).mean() >= 0.8)
-        for name, mine in frames.items()
-    }
+def _places(levels: Floats, pictures: Pictures, named: Named = frozenset()) -> dict[str, str]:
+    """Return the truth of each scenario, stratum and third, by what and which, outside of the named ones."""
+    frames = _frames(pictures, named)
+    found = {name: _part(levels, pictures, mine, named).says for name, mine in frames.items()}
+    return found | {f"third {name}": says for name, says in _thirds(levels, pictures, named).items()}
 
 
-def _places(levels: Floats, pictures: Pictures) -> dict[str, str]:
-    """Return the truth of each scenario, stratum and third, by what and which."""
-    found = {name: _part(levels, pictures, frames).says for name, frames in _frames(pictures).items()}
-    return found | {f"third {name}": says for name, says in _thirds(levels, pictures).items()}
-
-
-def _thirds(levels: Floats, pictures: Pictures) -> dict[str, str]:
-    grid, every = levels[pictures.grid], np.arange(len(pictures.places))
-    wrong, told, nearer = _pairs(grid, np.geomspace(1, 11.27, grid.shape[1]))
-    ratios, far, result = _ratios(levels, pictures, every), float(grid[:, FAR:].mean()), dict[str, str]()
+def _thirds(levels: Floats, pictures: Pictures, named: Named) -> dict[str, str]:
+    """Return the truth of each third that is not named, on the frames of no named place."""
+    said = [{f"{of} {name}" for of, name in place.items()} for place in pictures.places]
+    frames = np.array([number for number, mine in enumerate(said) if not mine & named], dtype=int)
+    if len(frames) < FEWEST:
+        return {}
+    grid = levels[pictures.grid[frames]]
+    wrong, told, nearer = _pairs(_outside(grid, named), np.geomspace(1, 11.27, grid.shape[1]))
+    ratios, far, result = _ratios(levels, pictures, frames, named), float(grid[:, FAR:].mean()), dict[str, str]()
     net = {name: float(grid[:, first:last].mean()) - far for name, (first, last, _) in THIRDS.items()}
     for name, (first, last, places) in THIRDS.items():
+        if f"third {name}" in named:
+            continue
         own = (nearer >= first) & (nearer < last)
         share, mine = _share(wrong[:, own], told[:, own]), [ratios[place] for place in places]
         beyond = any(net[other] >= 0.10 for other, (begins, _, _) in THIRDS.items() if begins > first)

@@ -1,4 +1,4 @@
-"""What is not made before it is used: ``asyncio``, and the threads of arithmetic."""
+"""What is not loaded before it is used: what only calls and pages need, and the threads of arithmetic."""
 
 import os
 import subprocess
@@ -10,9 +10,9 @@ from eyechart import cli
 from eyechart.cli.app import app
 
 
-def test_what_reads_a_run_has_no_event_loop() -> None:
-    """Nor does it hold anything, or see whether a model sees."""
-    never = "asyncio filelock eyechart.probe rich.console matplotlib jinja2 highway_env"
+def test_what_reads_a_run_loads_nothing_that_calls_or_draws() -> None:
+    """It holds no lock, does not see whether a model sees, and opens no world."""
+    never = "filelock eyechart.probe rich.console matplotlib jinja2 highway_env"
     code = f"""
 import sys
 import eyechart.cli.score, eyechart.studies.battery.study, eyechart.studies.hierarchy.study

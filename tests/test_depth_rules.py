@@ -127,6 +127,13 @@ CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
         {"unparsed_controls": Statistic(0.1, 144, (0.05 + OVER, 0.2))},
         *OPEN,
     ),
+    "the picture before does less than half": (
+        {"picture_before": Statistic(-0.1, 300, (-0.2, BELOW))},
+        "depth",
+        "order",
+    ),
+    "the picture before may do half": ({"picture_before": Statistic(-0.1, 300, (-0.2, 0.0))}, *OPEN),
+    "the order of the calls is not known": ({"picture_before": Statistic(None, 0)}, "depth", "order"),
     "as dense as it takes": ({"drawn_distances": Density(8.0, 110, fewest=3)}, "depth", "order"),
     "less dense": (
         {"drawn_distances": Density(8.0 + BELOW, 110, fewest=3)},

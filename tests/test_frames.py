@@ -428,6 +428,20 @@ def test_a_bank_that_was_checked_is_decoded_once_and_still_watched(
     assert decoded == [PICTURE, PICTURE]
 
 
+def test_a_bank_that_this_process_drew_is_not_decoded_to_be_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its pictures are sound as they were encoded; one that changed on the disk since is found."""
+    root = open_bank_simulator("highway").build(tmp_path / "bank", seeds=[0], steps=4).root
+    monkeypatch.setattr(pictures, "open_picture", lambda *words: pytest.fail(f"{words[1]} was decoded"))
+    assert check(root) == []
+    monkeypatch.undo()
+    file = next(iter(open_bank(root).frames[0].pictures.values()))
+    (root / file).write_bytes((root / file).read_bytes()[:-30])
+    (problem,) = check(root)
+    assert file in problem
+
+
 def plain_frame(**truth: object) -> Frame:
     """Return a frame with this ground truth."""
     return banks.one("f", ("s", "e", 0), "vertical", "f.png", truth=truth)

@@ -3,9 +3,10 @@ from dataclasses import replace
 
 import pytest
 
+from eyechart import integrity
 from eyechart.calls import CallKey, Reply, read_in
 from eyechart.costs import ALL, accounts_of
-from eyechart.integrity import Guard, guards_of
+from eyechart.integrity import Guard, RequestChecks, guards_of
 from eyechart.ledger import SentAttempt, columns_of
 from eyechart.models.prices import read_prices
 from eyechart.modes import ModeMeasurements, RequestMode
@@ -267,3 +268,25 @@ def test_repeats_that_differ_in_the_run_and_not_alone_fail_a_guard(unlike: int, 
     assert ("--concurrency 1" in found["load"].because) is not holds
     warm = replace(mode, temperature=0.7)
     assert "load" not in {one.name for one in guards(sent_with(say, 40), keys(40), warm)}
+
+
+@pytest.mark.parametrize("prompts", [1, 40])
+def test_a_request_that_differs_for_one_model_is_found_whatever_the_calls(
+    prompts: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where each frame has a prompt of its own, a place for every pair of them would take too much memory."""
+    monkeypatch.setattr(integrity, "_DENSE", 0)
+    sent = [
+        SentAttempt(
+            CallKey("battery", model, f"p{at % prompts}", f"f{at}", "real"), 1, None, Reply("STOP", "stop"), digest
+        )
+        for model in ("openai:a", "openai:b", "openai:c")
+        for at in range(40)
+        for digest in [f"{at:02x}{'f' if at == 7 and model == 'openai:b' else '0'}".ljust(64, "0")]
+    ]
+    checks = RequestChecks(columns_of(sent, read_in(DRIVING)), ["openai:a", "openai:b", "openai:c"])
+    assert checks.guards("openai:c") == ()
+    for model in ("openai:a", "openai:b"):
+        (guard,) = checks.guards(model)
+        assert (guard.name, guard.holds) == ("shown", False)
+        assert "1 calls have two digests of their request, first of frame 'f7' under real" in guard.because

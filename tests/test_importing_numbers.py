@@ -417,7 +417,7 @@ MOVED = ["lead_drawn_m", "exchange_m", "lead_mid_near_m"]
     [
         (["7.5 px"], r"row 1: '{}' is '7.5 px', which cannot be converted to the gap's m"),
         (["7.5", "near"], r"row 2: '{}' is 'near', not a number; leave the cell empty if there is none(?!, or)"),
-        (["7.5", "7,5"], r"row 2: '{}' is '7,5', not a number"),
+        (["7.5", "7,5"], r"row 2: '{}' is '7,5', not a number; a decimal comma is read with numbers=1234,5"),
         (["7.5", "-1"], r"row 2: '{}' is -1, and no distance is below 0; leave the cell empty"),
     ],
 )

@@ -24,7 +24,7 @@ from eyechart.errors import LedgerError, SpecError
 from eyechart.ledger import Ledger
 from eyechart.looks import Look, LookRequest, PictureResult, Pictures
 from eyechart.manifest import LEDGER, read_manifest
-from eyechart.modes import RequestMode, read_mode
+from eyechart.modes import RequestMode, read_mode, write_mode
 from eyechart.simulators import open_bank_simulator
 from eyechart.testing import assert_looks
 from faults import FaultServer, Loopback
@@ -389,6 +389,109 @@ def test_a_look_says_what_was_looked_for(here: Path) -> None:
     assert "photos is not a folder; give the folder of the pictures" in str(
         look("scripted:depth", "--photos", "photos", "--table", "t.csv").exception
     )
+
+
+def test_a_name_of_the_running_process_is_no_module(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A command runs in ``__main__``, which no command can reach; it is refused as a module that is not there."""
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    done = look("__main__:decide")
+    assert isinstance(done.exception, SpecError)
+    assert f"no __main__.py lies in {here}" in str(done.exception)
+
+
+def test_a_folder_holds_a_look_at_one_model(small: Path, here: Path) -> None:
+    """Another one is refused before a call, so that neither run nor request mode are mixed up."""
+    look("scripted:constant", "--frames", small, "--out", "one")
+    before = read_manifest(here / "one/run").models
+    refused = "one holds a look at scripted:constant, not at scripted:depth: give another --out"
+    assert refused in str(look("scripted:depth", "--frames", small, "--out", "one").exception)
+    assert read_manifest(here / "one/run").models == before
+    with served() as server:
+        write_mode(here / "mode.toml", RequestMode("openai:m", base_url=server.base_url))
+        kept = (here / "mode.toml").read_bytes()
+        done = look("openai:n", "--base-url", server.base_url, "--frames", small, "--out", here)
+        assert "holds a look at openai:m, not at openai:n" in str(done.exception)
+        assert server.requests == 0
+    assert (here / "mode.toml").read_bytes() == kept
+
+
+def test_a_look_that_ends_right_after_its_bank_goes_on(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The record of what a bank is made from is there before the bank is."""
+    table = photographs.rows(drives=2, ticks=3)
+    photographs.take(here / "photos", table)
+    (here / "photos.csv").write_text(photographs.as_csv(table))
+    words = ["brakers:by_box", "--photos", "photos", "--table", "photos.csv", "--map", "gap=lidar_m"]
+    words += ["--threshold", "18", "--unit", "m"]
+    with monkeypatch.context() as killed:
+        make = Pictures._make  # the process ends behind it
+
+        def ends(*given: object) -> None:
+            make(*given)  # type: ignore[arg-type]
+            raise SystemExit(137)
+
+        killed.setattr(Pictures, "_make", ends)
+        assert look(*words).exit_code == 137
+    assert (here / "looks/python-brakers-by_box/bank").is_dir()
+    done = look(*words)
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    assert done.stdout.startswith(ANSWERS)
+
+
+def test_a_policy_that_cannot_be_judged_is_sent_to_the_doctor(here: Path) -> None:
+    """More episodes would not help one that never varies; its pictures were shown, and the screen says so."""
+    bank = open_bank_simulator("tabletop").build(here / "bank", seeds=(0,), steps=4)
+    (here / "own_arms.py").write_text(
+        "import random\n\nimport numpy as np\n\nDICE = random.Random(0)\n\n\n"
+        "def rests(images, state, instruction):\n    return np.zeros((8, 3))\n\n\n"
+        "def draws(images, state, instruction):\n"
+        "    return np.array([[DICE.gauss(0, 1) for _ in range(3)] for _ in range(8)])\n"
+    )
+    done = look("own_arms:rests", "--frames", bank.root)
+    assert done.exit_code == 2, done.exception
+    said = flat(done.stdout)
+    assert "not asked" not in said
+    assert "the answers do not vary" in said
+    assert "ask more episodes" not in said
+    assert f"eyechart doctor python:own_arms:rests --frames {bank.root}" in said
+    again = look("own_arms:rests", "--frames", bank.root)
+    assert re.search(r"at most 0 calls,", again.stderr)
+    done = look("own_arms:draws", "--frames", bank.root)
+    most = re.search(r"at most (\d+) calls \(about (\d+) if it repeats its answers\)", done.stderr)
+    assert most is not None
+    made = read_made(here / "looks/python-own_arms-draws/run")
+    assert int(most[2]) < made <= int(most[1])
+
+
+def read_made(run: Path) -> int:
+    """Return the number of finished calls of a run."""
+    with Ledger(run / LEDGER) as ledger:
+        return len(ledger.finished())
+
+
+def test_a_function_that_fails_is_looked_at_in_another_folder_once_its_code_is_changed(small: Path, here: Path) -> None:
+    """One run holds one version of it, so that the same command would be refused."""
+    (here / "broken.py").write_text("def decide(prompt, image):\n    raise RuntimeError('boom')\n")
+    done = json.loads(look("broken:decide", "--frames", small, "--json").stdout)
+    assert done["next"][0].endswith("--out looks/python-broken-decide")
+    assert done["next"][1].endswith("--out looks/python-broken-decide-2")
+
+
+def test_an_option_that_only_the_import_has_is_said_to_be_one(here: Path) -> None:
+    """The error about a table with decimal commas says how they are read, and by which command."""
+    table = photographs.rows(drives=2, ticks=3)
+    photographs.take(here / "photos", table)
+    written = photographs.as_csv(table, delimiter=";").replace(".", ",").replace(",png", ".png").replace(",jpg", ".jpg")
+    (here / "photos.csv").write_text(written)
+    words = ["--photos", "photos", "--table", "photos.csv", "--map", "gap=lidar_m", "--threshold", "18", "--unit", "m"]
+    said = str(look("brakers:by_box", *words).exception)
+    assert "a decimal comma is read with " in said
+    assert "make the bank with 'eyechart frames import', and give it with --frames" in said
+
+
+def test_a_summary_keeps_its_table_whatever_an_error_says() -> None:
+    """The words of a server may have several lines; a cell of Markdown has one."""
+    said = Look("m", "No", "It is so.", ("The first error: a\n\n# b | c",)).markdown()
+    assert said.splitlines()[2] == "| **No** | `m` | It is so. The first error: a # b / c |"
 
 
 def test_a_policy_on_the_tabletop_looks(here: Path) -> None:

@@ -1,13 +1,17 @@
 """The words of a look: what its drawn pictures showed, and commands that can be pasted."""
 
 import ast
+import unicodedata
 from pathlib import Path
 
 import pytest
 
+from eyechart.errors import SpecError
 from eyechart.formats import FORMATS, format_of_data_set
 from eyechart.looks.answer import Look, NextStep, pasted
 from eyechart.looks.models import _may_be_blind, _sight
+from eyechart.looks.pictures import Pictures
+from eyechart.looks.request import LookRequest
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.report.table import coded, number
 
@@ -38,6 +42,21 @@ def test_python_code_is_pasted_as_it_was() -> None:
     assert ast.dump(ast.parse("\n".join(lines).strip())) == ast.dump(ast.parse(code))
     screen = str(Look("python:__main__:cautious", "No", "It does not.", next=(NextStep("try another", code),)))
     assert "'eyechart.look(" not in screen
+
+
+def test_a_wide_character_takes_two_of_the_80_columns() -> None:
+    """A path in Chinese stays whole in its letters, and no line of the screen is cut by a terminal."""
+    name = "車道保持" * 12
+    lines = [*Look("scripted:depth", "Yes", "It does.", report=Path(f"/{name}/report.html")).lines()]
+    assert max(sum(1 + (unicodedata.east_asian_width(sign) == "W") for sign in line) for line in lines) <= 80
+    assert f"/{name}/report.html" in "".join(lines)
+
+
+def test_a_look_into_a_file_is_refused_before_any_bill(tmp_path: Path) -> None:
+    """A folder is asked for by the option that names it."""
+    (tmp_path / "there").touch()
+    with pytest.raises(SpecError, match="there is a file, and a look needs a folder: give another --out"):
+        LookRequest(RequestMode("scripted:depth"), Pictures(), tmp_path / "there").require_own_folder()
 
 
 def test_a_data_set_is_recognised_by_its_content(tmp_path: Path) -> None:

@@ -3,13 +3,14 @@
 Batteries and episodes make their calls here, so both cost, fail and resume in the same way.
 """
 
+import asyncio
 import contextlib
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from eyechart.calls import BLOCKED, TRANSIENT, UNFINISHED, CallKey, Query, Reply
-from eyechart.event_loops import asyncio, require_no_loop
+from eyechart.event_loops import require_no_loop
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Budget, Limits, Pace, is_asking_too_much, pause_s
 from eyechart.models import Model, ask

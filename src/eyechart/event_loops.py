@@ -1,25 +1,13 @@
 """Event loops for calls: each run has its own, in another thread if one is running here."""
 
+import asyncio
 import threading
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from eyechart.errors import SpecError
-
-if TYPE_CHECKING:
-    import asyncio as asyncio  # noqa: PLC0414 - so that it is given on
-else:
-
-    class _LazyAsyncio:
-        def __getattr__(self, name: str) -> object:
-            import asyncio  # noqa: PLC0415 - this is the place
-
-            return getattr(asyncio, name)
-
-    asyncio = _LazyAsyncio()
-    """Python's ``asyncio``, imported on first use: reading a run makes no call."""
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]

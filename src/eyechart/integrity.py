@@ -4,6 +4,7 @@ They check that pictures arrived, that each call has one outcome, and that no an
 guard holds, fails, or cannot say; a failed one marks the verdict wherever it is printed.
 """
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -170,18 +171,35 @@ class RequestChecks:
 
     def __init__(self, attempts: Attempts, models: Iterable[str]) -> None:
         self._unlike: dict[str, dict[tuple[str, ...], None]] = {}
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *map(attempts.of, models)])
-        rows = rows[attempts.request[rows] >= 0]
+        self._attempts, models = attempts, list(models)
+        size, held = math.prod(len(attempts.names[name]) for name in _ASKED), None
+        if size > max(_DENSE, 2 * len(attempts.call)):
+            held = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(self._asked, map(self._rows, models))]))
+            size = len(held)
+        first = np.full(size, -1, dtype=np.int64)
+        for rows in map(self._rows, models):  # one by one: all at once take much memory
+            asked = self._asked(rows) if held is None else np.searchsorted(held, self._asked(rows))
+            new = np.flatnonzero(first[asked] < 0)
+            calls, place = np.unique(asked[new], return_index=True)
+            first[calls] = rows[new[place]]
+            before = first[asked]
+            for at in np.flatnonzero(attempts.request[rows] != attempts.request[before]).tolist():
+                key = attempts.key(int(rows[at]))
+                same = tuple(map(str, (key.study, *key[2:])))
+                for model in (key.model, attempts.key(int(before[at])).model):
+                    self._unlike.setdefault(model, {})[same] = None
+
+    def _rows(self, model: str) -> Ints:
+        """Return the rows of a model that have a digest."""
+        rows = self._attempts.of(model)
+        return rows[self._attempts.request[rows] >= 0]
+
+    def _asked(self, rows: Ints) -> Ints:
+        """Return a number for what each row asks of any model."""
         asked = np.zeros(len(rows), dtype=np.int64)
         for name in _ASKED:
-            asked = asked * len(attempts.names[name]) + attempts.codes[name][rows]
-        _, first, which = np.unique(asked, return_index=True, return_inverse=True)
-        before = rows[first[which]]
-        for at in np.flatnonzero(attempts.request[rows] != attempts.request[before]).tolist():
-            key = attempts.key(int(rows[at]))
-            same = tuple(map(str, (key.study, *key[2:])))
-            for model in (key.model, attempts.key(int(before[at])).model):
-                self._unlike.setdefault(model, {})[same] = None
+            asked = asked * len(self._attempts.names[name]) + self._attempts.codes[name][rows]
+        return asked
 
     def guards(self, model: str) -> tuple[Guard, ...]:
         """Return the guard of a model, or none if its requests equal those of the others."""
@@ -201,6 +219,8 @@ def _shown(name: str) -> str:
 
 _ASKED = ("study", "prompt", "frame", "condition", "repeat")
 """What names a call to any model."""
+_DENSE = 1_000_000
+"""Up to so many calls, of all that these names could make, have a place each."""
 
 
 def names_of(reply: Reply) -> tuple[str | None, str | None, str | None]:

@@ -1,5 +1,6 @@
 """Limits of a run: the number and cost of calls, their pace, and when a model is set aside."""
 
+import asyncio
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
@@ -7,7 +8,6 @@ from dataclasses import dataclass, field
 
 from eyechart.calls import HOPELESS, TRANSIENT, UNASKED, Reply
 from eyechart.errors import counted
-from eyechart.event_loops import asyncio
 from eyechart.records import Amount, Count, JsonRecord
 
 LONGEST_WAIT_S = 120.0

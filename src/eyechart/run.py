@@ -1,5 +1,6 @@
 """A run: it turns a plan into calls and appends them to the ledger."""
 
+import asyncio
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +15,6 @@ from eyechart.calls import CallKey, Query, Reply
 from eyechart.channels import reflected
 from eyechart.conditions import SAMPLED, is_available, sample, seed_of, show, sources, text_source_frame
 from eyechart.errors import SpecError, counted
-from eyechart.event_loops import asyncio
 from eyechart.frames import Frame, FrameBank, Stimulus
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Pace, RunOutcome

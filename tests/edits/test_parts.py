@@ -27,6 +27,17 @@ def feet(horizon: float, slope: float, behind: float, noise: float, seed: int = 
     return rows.tolist(), (away * np.exp(rng.normal(0, noise, 48))).tolist()
 
 
+@pytest.mark.parametrize("by", [0, 1, 3, 9])
+@pytest.mark.parametrize("places", [[], [(0, 0)], [(11, 19)], [(3, 4), (8, 15)]])
+def test_a_mask_grows_on_all_sides_by_so_many_pixels(places: list[tuple[int, int]], by: int) -> None:
+    """Into the corners, and not beyond the picture."""
+    mask, every = np.zeros((12, 20), bool), np.zeros((12, 20), bool)
+    for row, column in places:
+        mask[row, column] = True
+        every[max(row - by, 0) : row + by + 1, max(column - by, 0) : column + by + 1] = True
+    assert grown(mask, by).tolist() == every.tolist()
+
+
 @pytest.mark.parametrize(("noise", "within"), [(0.0, 0.01), (0.05, 1.5), (0.1, 3.0)])
 def test_the_horizon_comes_out_of_boxes_and_distances(noise: float, within: float) -> None:
     """With exact and with noisy distances; a common factor of all distances does not move it."""

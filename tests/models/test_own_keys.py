@@ -1,5 +1,6 @@
 """Only what was named is sent to a server: no login of ``.netrc``, and no cookie that a server has set before."""
 
+import asyncio
 import base64
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -9,7 +10,6 @@ import pytest
 from aiohttp import web
 
 from eyechart.calls import Query
-from eyechart.event_loops import asyncio
 from eyechart.frames import Stimulus, encode
 from eyechart.models import ask, open_model
 from eyechart.modes import RequestMode

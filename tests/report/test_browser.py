@@ -5,11 +5,11 @@ Run by make test-browser; EYECHART_CHROMIUM names another Chromium than the one 
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
+from test_drives_browser import axe
 
 from banks import build_bank
 from eyechart.report.page import write_page
@@ -208,12 +208,7 @@ def test_axe_finds_no_serious_violation(page: Any, scheme: str) -> None:  # noqa
     """Accessible names, contrast, roles and order, with every fold of the page open, light and dark."""
     page.emulate_media(color_scheme=scheme)
     page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
-    axe = Path(str(files("axe_playwright_python"))) / "axe.min.js"
-    page.evaluate(axe.read_text(encoding="utf-8") + "; undefined")
-    ruling = page.evaluate("axe.run(document)")
-    grave = [one for one in ruling["violations"] if one["impact"] in {"serious", "critical"}]
-    assert [f"{one['id']}: {one['nodes'][0]['html'][:200]}" for one in grave] == []
-    assert len(ruling["passes"]) > 20
+    assert axe(page, 21) == []
 
 
 @pytest.mark.parametrize("width", [1280, 400])

@@ -337,6 +337,21 @@ def test_a_plain_picture_is_kept_exactly_and_a_busy_one_in_fewer_bytes() -> None
     assert len(encode_small(busy, 600, 82, lossless=True)) == len(encode_small(busy, 600, 82, lossless=False))
 
 
+@pytest.mark.parametrize(("colours", "kinds"), [(200, [True, False]), (400, [False])])
+def test_the_lossless_code_is_tried_on_few_colours_alone(
+    colours: int, kinds: list[bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture of more colours than a table holds is longer in it, and it took most of a page's time."""
+    tried: list[bool] = []
+    made = album.webp
+    monkeypatch.setattr(
+        album, "webp", lambda image, **how: tried.append(bool(how.get("lossless"))) or made(image, **how)
+    )
+    numbers = np.random.default_rng(0).integers(0, colours, (80, 80))
+    encode_small(np.stack([numbers % 20, numbers // 20, numbers * 0], axis=2).astype(np.uint8), 600, 82, lossless=True)
+    assert tried == kinds
+
+
 def test_pictures_stand_in_the_album_as_wide_as_its_rung(
     bank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,5 +1,6 @@
 """What a run's answers hold of depth: levels, distances and places of a simulated bank, through the stages of a run."""
 
+import math
 import random
 from dataclasses import replace
 from itertools import pairwise
@@ -9,14 +10,19 @@ import pytest
 
 from drawn import answered
 from eyechart.conditions import OLDER, RANGED
+from eyechart.frames import LEAD_GAP
 from eyechart.models.scripted import PerceivedPicture
+from eyechart.spaces.discrete import DRIVING
+from eyechart.spaces.space import Decision
 from eyechart.stats.order import Density
 from eyechart.stats.paired_tests import Places
+from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
 from eyechart.studies.battery.depth import moved_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
+from eyechart.verdicts.depth import NEAR_FAR
 from eyechart_organisms.calibration.known_answers import KNOWN, KnownController, by_sight
 from eyechart_organisms.calibration.replication import answers_of, staged
 from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
@@ -69,7 +75,76 @@ def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:
     """What the bank records of its frames is a place; a scenario that is nothing else is named too."""
     label, said = judged(asked(_reader_but(4), world))
     assert label == "partial_depth"
-    assert "not in `light`, where lanes is 4: 0 of 35 each;" in said
+    assert "in `light`, where lanes is 4: 0 of 35 each;" in said
+
+
+def in_turn(share: float, coin: float, world: World) -> Answers:
+    """Return what a reader of a moving average answers, asked about all in one order; a picture has a share of it.
+
+    The mean is of the logarithms of distances. A part of the answers is a coin.
+    """
+    rng, mean = random.Random(5), [3.0]  # noqa: S311 - no secret
+    calls = [(name, place) for name, column in world.shown.items() for place, one in enumerate(column) if one]
+    rng.shuffle(calls)
+    sent = {name: np.full(len(world.frames), -1) for name in world.shown}
+    given: dict[str, list[Decision[str] | None]] = {name: [None] * len(world.frames) for name in world.shown}
+    for turn, (name, place) in enumerate(calls):
+        shown = world.shown[name][place]
+        reading = shown.sight.reading if shown else None
+        said = "STOP"
+        if reading is not None:
+            mean[0] += share * (math.log(min(reading.scene.gap_m or 80.0, 80.0)) - mean[0])
+            far = math.exp(mean[0])
+            said = "STOP" if far < 13 else "SLOW" if far < 40 else "STRAIGHT"
+        said = rng.choice(("STOP", "SLOW", "STRAIGHT")) if rng.random() < coin else said
+        given[name][place], sent[name][place] = Decision(said), turn
+    decisions = {name: tuple(column) for name, column in given.items()}
+    return Answers("", world.frames, DRIVING, LEAD_GAP, decisions, sent=sent)
+
+
+def picture_before(answers: Answers) -> Statistic:
+    """Return what the picture before does, less half of what the own one does."""
+    return moved_of(answers).picture_before()
+
+
+MEMORY = "that the picture before moves its braking less than half as much is not shown"
+
+
+@pytest.mark.parametrize(("share", "coin", "label"), [(1, 0, "depth"), (1, 0.1, "depth"), (0.8, 0, "depth")])
+def test_who_answers_to_its_own_picture_earns_depth(share: float, coin: float, label: str, world: World) -> None:
+    """Also behind a coin, and where the pictures before have a fifth of the say."""
+    answers = in_turn(share, coin, world)
+    one = picture_before(answers)
+    assert one.ci is not None
+    assert one.ci[1] < 0
+    assert one.n > 100
+    assert judged(answers)[0] == label
+
+
+@pytest.mark.parametrize("share", [0.5, 0.3])
+def test_who_answers_to_the_picture_before_as_well_earns_no_depth(share: float, world: World) -> None:
+    """It would be depth where the order of the calls is not known."""
+    answers = in_turn(share, 0.0, world)
+    one = picture_before(answers)
+    assert one.ci is not None
+    assert one.ci[1] > 0
+    assert judged(answers) == ("depth_associated", f"{NEAR_FAR}; {MEMORY}")
+    unknown = replace(answers, sent={})
+    assert picture_before(unknown).value is None
+    assert judged(unknown)[0] == "depth"
+
+
+@pytest.mark.parametrize(("share", "coin"), [(1, 0.0), (1, 0.4), (0.5, 0.0)])
+def test_noise_is_no_memory(share: float, coin: float, world: World) -> None:
+    """In the order that it was asked in, noise does what it does in any other; a memory does not."""
+    moved = moved_of(in_turn(share, coin, world))
+    value, rng = moved.picture_before().value, np.random.default_rng(1)
+    others = [
+        replace(moved, before={name: rng.permutation(at) for name, at in moved.before.items()}).picture_before().value
+        for _ in range(40)
+    ]
+    apart = abs(value - np.mean(others))
+    assert apart < 2.5 * np.std(others) + 1e-9 if share == 1 else apart > 5 * np.std(others)
 
 
 def test_levels_and_distances_stand_beside_each_frame(world: World) -> None:

@@ -20,6 +20,7 @@ from eyechart.spaces.discrete import DRIVING
 from eyechart.studies import battery as study
 from eyechart.studies.battery.answers import read_answers
 from eyechart.studies.battery.calibrated_statistics import CalibratedTests, LazyStatistics
+from eyechart.studies.battery.depth import AT, BESIDE, PICTURE_OF
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.stages import asked_of_model, available_controls, replied
 from eyechart.verdicts import calibrated_rules, judge
@@ -161,3 +162,45 @@ def test_drift_earns_no_depth_in_a_real_run(bank: FrameBank, tmp_path: Path, mon
         assert set(RANGED) <= set(model.controls.controls)
         assert judge(score)[model.model].calibrated.label not in {"depth", "partial_depth"}
     assert DRIVING.brake
+
+
+def shown_m(key: CallKey, bank: FrameBank) -> float:
+    """Return how far away the lead is in what a call shows; 80 m where it has none."""
+    frame = next(one for one in bank if one.id == key.frame)
+    columns = AT.get({**PICTURE_OF, BESIDE: "far"}.get(key.condition, ""), ())
+    told = [frame.truth[name] for name in ("lead_gap_m", *columns) if frame.truth.get(name)]
+    return float(told[-1]) if told and key.condition not in {"blank", "noise", "text_only"} else 80.0
+
+
+@pytest.mark.parametrize(("share", "label"), [(1.0, "depth"), (0.5, "depth_associated")])
+def test_memory_earns_no_depth_in_a_real_run(
+    share: float, label: str, bank: FrameBank, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It grades by the mean of this picture and the one before. The ledger has the calls in the order of the asking."""
+    made, before = stand_ins.StandIn(pause_s=0.001), [20.0]
+
+    def respond(query: Query) -> Reply:
+        now = shown_m(by_seed[query.seed], bank)
+        far, before[0] = now**share * before[0] ** (1 - share), now
+        return level(0.9 if far < 13 else 0.5 if far < 40 else 0.1)
+
+    made.respond = respond
+    monkeypatch.setattr(stand_ins, "open_model", lambda *_: made)
+    spec = "standin:remembers"
+    planned = study.plan(bank.root, [spec], tmp_path / "run", seed=11)
+    wide = replace(planned.plan, controls={spec: available_controls(planned.manifest, planned.plan)})
+    by_seed = {key.seed(11): key for key in wide.keys()}  # noqa: SIM118 - a plan is no mapping
+    study.run(planned, concurrency=3)
+    score = study.score(tmp_path / "run", resamples=99)
+    answers, verdict = score.models[spec].answers, judge(score)[spec]
+    sent = {
+        int(turn): (frame.id, name) for name, of in answers.sent.items() for frame, turn in zip(bank, of, strict=True)
+    }
+    asked = [by_seed[query.seed] for query in made.queries]
+    assert [sent[turn] for turn in range(len(asked))] == [(key.frame, key.condition) for key in asked]
+    assert verdict.calibrated.label == label
+    assert not score.evidence()[spec].unfinished
+    if label != "depth":
+        assert "that the picture before moves its braking less than half as much is not" in verdict.calibrated.because
+        assert verdict.why_not is not None
+        assert verdict.why_not.settle == "an answer to each picture of its own: no memory of earlier calls"

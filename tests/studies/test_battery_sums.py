@@ -6,7 +6,8 @@ import pytest
 import banks
 from eyechart.frames import LEAD_GAP
 from eyechart.spaces.discrete import DRIVING
-from eyechart.spaces.space import Decision
+from eyechart.spaces.space import UNPARSED, Decision
+from eyechart.studies.battery import answers as answers_of
 from eyechart.studies.battery import paper_statistics
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.paper_statistics import PaperStatistics, Resampling
@@ -35,6 +36,27 @@ def test_symbols_are_made_once_and_cannot_be_written_to() -> None:
     assert given.actions("real") is given.actions("real")
     with pytest.raises(ValueError, match="read-only"):
         given.actions("real")[0] = "SLOW"
+
+
+def test_symbols_of_many_frames_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are made anew, and are the same: those of many models on a large bank would fill the memory."""
+    monkeypatch.setattr(answers_of, "_SYMBOLS_KEPT", 100)
+    given = answers()
+    first, second = given.actions("real"), given.actions("real")
+    assert first is not second
+    assert first.tolist() == second.tolist() == [action or "" for action in REAL]
+    with pytest.raises(ValueError, match="read-only"):
+        first[0] = "SLOW"
+
+
+@pytest.mark.parametrize("level", ["response", "decision"])
+@pytest.mark.parametrize("condition", ["real", "blank", "noise"])
+def test_codes_are_the_places_of_symbols(condition: str, level: str) -> None:
+    """A call without a reply has -1, and at the level of decisions a reply without one too."""
+    given, names = answers(), tuple(sorted({*DRIVING.actions, UNPARSED}))
+    symbols = given.symbols(condition, level).tolist()
+    expected = [names.index(symbol) if symbol else -1 for symbol in symbols]
+    assert given.codes(condition, level, names).tolist() == expected
 
 
 def test_braking_levels_are_those_of_the_action_space() -> None:

@@ -61,7 +61,13 @@ class Lines:
 
 def grown(mask: Mask, by: int) -> Mask:
     """Return a mask (h, w) that is larger by some pixels on all sides."""
-    return np.asarray(binary_dilation(mask, _SQUARE, by), np.bool_) if by else mask
+    if not by or not mask.any():
+        return mask
+    x0, y0, x1, y1 = box_of(mask)
+    part = np.s_[max(y0 - by, 0) : y1 + by, max(x0 - by, 0) : x1 + by]
+    made = np.zeros(mask.shape, np.bool_)
+    made[part] = binary_dilation(mask[part], _SQUARE, by)
+    return made
 
 
 def box_of(mask: Mask) -> tuple[int, int, int, int]:

@@ -1,5 +1,6 @@
 """The coordinator of a run: it holds models, ledger and bounds, and lets workers drive."""
 
+import asyncio
 import random
 import signal
 import threading
@@ -17,7 +18,6 @@ from eyechart.episodes.records import REFLECTED, Episode, EpisodeKey
 from eyechart.episodes.workers import Worker, WorkerDiedError
 from eyechart.episodes.worlds import EpisodeView
 from eyechart.errors import EyechartError
-from eyechart.event_loops import asyncio
 from eyechart.frames import Stimulus, decode, encode
 from eyechart.ledger import Ledger
 from eyechart.limits import Limits, Pace, RunOutcome

@@ -1,5 +1,6 @@
 """Plans and runs of episodes: drivers, worlds and costs; finished episodes are not driven again."""
 
+import asyncio
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from eyechart.episodes.records import (
 from eyechart.episodes.workers import LocalWorker, Worker, WorkerDiedError
 from eyechart.episodes.worlds import EpisodeView, Setup
 from eyechart.errors import DriveError, EyechartError, LedgerError, SpecError, counted, printable, raising, suggestion
-from eyechart.event_loops import asyncio, to_its_end
+from eyechart.event_loops import to_its_end
 from eyechart.frames import Stimulus, alone
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome

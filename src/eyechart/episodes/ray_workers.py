@@ -1,10 +1,11 @@
 """Workers on a Ray cluster: sets of worlds as actors, spread over the nodes (extra ``ray``)."""
 
+import asyncio
+
 from eyechart.clusters import actor, join
 from eyechart.episodes.workers import WorkerDiedError
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
-from eyechart.event_loops import asyncio
 from eyechart.modes import in_one_line
 
 

@@ -3,6 +3,7 @@
 Both ends are here: the coordinator's calls, and the program that answers until the connection ends.
 """
 
+import asyncio
 import os
 import socket
 import subprocess
@@ -16,7 +17,6 @@ from typing import Any, Protocol
 
 from eyechart.episodes.worlds import Setup, Worlds
 from eyechart.errors import EyechartError
-from eyechart.event_loops import asyncio
 from eyechart.modes import in_one_line
 from eyechart.processes import end_with
 

@@ -25,8 +25,8 @@ _ZEROS = re.compile(r"(?<=[+-])0+(?=\d)|^0+(?=\d)")
 text."""
 _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
-
-
+_COMMA = re.compile(r"[+-]?\d+,\d+")
+"""A number with a decimal comma, or with a mark of thousands."""
 _NOTHING = re.compile(r"nan|<na>|#?n/a|nat|null")
 """Lower-case words that programs write into empty cells."""
 
@@ -75,6 +75,8 @@ def read_number(cell: Cell, what: str, *, marks: bool = True) -> float | None:
         return None
     number = _number(cell)
     if number is None:
+        if isinstance(cell, str) and _COMMA.fullmatch(cell.strip()):
+            raise SourceError(f"{what} is {_quoted(cell)}, not a number; a decimal comma is read with --numbers 1234,5")
         raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty if there is none{advice}")
     return _held(number, what, advice)
 

@@ -69,6 +69,8 @@ _EVERY_CHECKED = (
     f"SELECT r.attempt, r.row_sha256, {KEY_OF_CALL}, a.reason, a.request_sha256, a.sent_at, r.final, r.closed_at, "
     f"{REPLY_OF} FROM replies r JOIN attempts a ON a.id = r.attempt JOIN calls c ON c.id = a.call ORDER BY r.attempt"
 )
+_SAID = "r.text, r.finish_reason, r.error, r.error_detail"
+"""The first fields of a reply: what it says, and how it ended."""
 _BESIDE = "run.json"
 """A file that the run writes beside its ledger, before it."""
 _ASKED = OF_KEY + 3
@@ -304,10 +306,13 @@ class Ledger:
         (first,) = self._sql.execute("SELECT min(sent_at) FROM attempts").fetchone()
         return first or ""
 
-    def replies(self, model: str) -> Iterator[tuple[CallKey, Reply]]:
-        """Yield each call of a model with its last final reply, or else its last failure."""
+    def replies(self, model: str, *, whole: bool = True) -> Iterator[tuple[CallKey, Reply]]:
+        """Yield each call of a model with its last final reply, or else its last failure.
+
+        A reply that is not ``whole`` has its text, its end and its error alone; many are read faster.
+        """
         rows = self._sql.execute(
-            f"SELECT {KEY_OF_CALL}, {REPORTED} FROM calls c JOIN replies r ON r.attempt = coalesce("
+            f"SELECT {KEY_OF_CALL}, {REPORTED if whole else _SAID} FROM calls c JOIN replies r ON r.attempt = coalesce("
             "(SELECT max(attempt) FROM replies f WHERE f.call = c.id AND f.final = 1), "
             "(SELECT max(attempt) FROM replies f WHERE f.call = c.id)) WHERE model = ?",
             (model,),

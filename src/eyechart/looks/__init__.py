@@ -5,6 +5,7 @@ The run then asks it with early stopping, and the verdict and the page follow. A
 folder, as the single commands would make them; the same look resumes there.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -54,13 +55,20 @@ def spec_of(given: str) -> str:
         return given
     top = first.partition(".")[0]
     here = Path(f"{top}.py").is_file() or Path(top).is_dir()
-    known = top.isidentifier() and (here or find_spec(top) is not None)
+    known = top.isidentifier() and (here or _is_installed(top))
     if not known and rest.isidentifier() and all(map(str.isidentifier, first.split("."))):
         raise SpecError(
             f"unknown model '{given}';{did_you_mean(first, [*ADAPTERS, *POLICIES])} '{first}' is neither an adapter "
             f"(see 'eyechart list models') nor a module: no {top}.py lies in {Path.cwd()}, and none is installed"
         )
     return f"python:{given}" if known else given
+
+
+def _is_installed(module: str) -> bool:
+    """Return whether a module is found; a running one that has no file, as ``__main__``, is not."""
+    with suppress(ValueError):
+        return find_spec(module) is not None
+    return False
 
 
 def is_policy(spec: str, pictures: Pictures) -> bool:
@@ -83,6 +91,7 @@ def look(wanted: LookRequest, watch: Watch) -> Look:
     Raises SpecError if it cannot be asked or the cost was not agreed to. The steps raise BankError,
     SourceError and LedgerError.
     """
+    wanted.require_own_folder()
     acts, history = is_policy(wanted.spec, wanted.pictures), 0
     if acts and states(wanted.spec):
         open_policy(wanted.mode)  # reports what is wrong with it before a bank is made

@@ -3,6 +3,7 @@
 import ast
 import shlex
 import textwrap
+import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,7 +98,8 @@ class Look:
         if self.pictures:
             rows += [(), (f"picture, {self.among}", "answers"), ("---",) * 2]
             rows += [(picture.shows, picture.words) for picture in self.pictures]
-        return "".join(f"| {' | '.join(cell.replace('|', '/') for cell in row)} |\n" if row else "\n" for row in rows)
+        cells = ([" ".join(cell.split()).replace("|", "/") for cell in row] for row in rows)
+        return "".join(f"| {' | '.join(row)} |\n" if row else "\n" for row in cells)
 
     def lines(self, shown: Callable[[str], str] = str) -> Iterator[str]:
         """Yield the screen in lines of at most 80 columns; ``shown`` converts a text to display."""
@@ -121,10 +123,18 @@ class Look:
 
 
 def _wrapped(text: str, first: str = "", later: str | None = None) -> Sequence[str]:
+    """Return a text in lines of at most 80 columns; a wide character, such as a Chinese one, takes two."""
+    wide = "".join(f"{sign}{_SECOND}" if unicodedata.east_asian_width(sign) in "WF" else sign for sign in text)
+    columns = COLUMNS - (_SECOND in wide)  # a line may end before a second column
     then = first if later is None else later
-    return textwrap.wrap(
-        text, COLUMNS, initial_indent=first, subsequent_indent=then, break_on_hyphens=False, break_long_words=True
-    ) or [first]
+    lines = textwrap.wrap(
+        wide, columns, initial_indent=first, subsequent_indent=then, break_on_hyphens=False, break_long_words=True
+    )
+    return [line.replace(_SECOND, "") for line in lines] or [first]
+
+
+_SECOND = "\ue000"
+"""Stands for the second column of a wide character while lines are counted: a private character of no font."""
 
 
 def pasted(command: str) -> Iterator[str]:

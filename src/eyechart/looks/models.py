@@ -16,8 +16,8 @@ from eyechart.limits import RunOutcome, Usage
 from eyechart.looks.answer import Look, NextStep, PictureResult
 from eyechart.looks.pictures import BANK
 from eyechart.looks.reach import SMALL, affordable, fewest
-from eyechart.looks.request import Bill, LookRequest, Watch, failed, write_report
-from eyechart.looks.sight_checks import MODE, MOST_CALLS, SightChecks, SightFailure, doctor_command, unseen
+from eyechart.looks.request import MODE, Bill, LookRequest, Watch, failed, write_report
+from eyechart.looks.sight_checks import MOST_CALLS, SightChecks, SightFailure, doctor_command, unseen
 from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models.prices import Prices, read_prices
 from eyechart.modes import RequestMode
@@ -27,7 +27,7 @@ from eyechart.studies import battery
 from eyechart.studies.battery import Battery, BatterySelection
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.stages import widest
-from eyechart.verdicts import Verdict, judge_one
+from eyechart.verdicts import Evidence, Verdict, judge_one
 
 AT_ONCE = 8
 SHOWN: tuple[Mapping[str, str], ...] = (
@@ -124,7 +124,8 @@ class ModelLook:
         """Return the answer of the run, and write its page."""
         wanted = self.wanted
         scored = battery.score(wanted.run)
-        verdict = judge_one(scored.evidence()[wanted.spec])
+        evidence = scored.evidence()[wanted.spec]
+        verdict = judge_one(evidence)
         stopped = outcome.stopped or outcome.set_aside.get(wanted.spec, "")
         whole = verdict.unfinished is None
         because = _because(verdict) if whole else f"The run is not finished: {stopped or verdict.progress}."
@@ -134,11 +135,11 @@ class ModelLook:
             wanted.spec,
             verdict.answer if whole else "Inconclusive",
             because,
-            (*_holes(verdict), *_unseen(verdict, mode), *_failed(wanted)),
+            (*_holes(verdict), *_unseen(verdict, mode), *_failed(wanted, evidence)),
             verdict.calibrated.label,
             pictures,
             among,
-            tuple(_steps(wanted, verdict, mode, whole=whole)),
+            tuple(_steps(wanted, verdict, mode, whole=whole, failing=bool(evidence.reasons().get("error")))),
             wanted.report,
             wanted.run,
             scored.models[wanted.spec].answered,
@@ -203,15 +204,18 @@ def _unseen(verdict: Verdict, mode: RequestMode) -> Iterator[str]:
         yield f"{said[0].upper()}{said[1:]}: the fault may lie between eyechart and the model."
 
 
-def _failed(wanted: LookRequest) -> Iterator[str]:
-    """Yield the number of calls that failed, and the first error; no gate holds such a run."""
+def _failed(wanted: LookRequest, evidence: Evidence) -> Iterator[str]:
+    """Yield the number of calls that failed, and the first error, if no gate holds such a run."""
+    count = evidence.reasons().get("error")
+    if not count and not evidence.unfinished:
+        return  # calls that failed and that its verdict did not need
     with Ledger(wanted.run / LEDGER) as ledger:
         found = [one for _, one in ledger.replies(wanted.spec) if one.error]
     if found:
         first = printable(f"{found[0].error}: {found[0].error_detail}")[:160]
         yield (
-            f"{len(found)} calls ended in an error, so 'gate' and assert_looks are inconclusive. The first error: "
-            f"{first}"
+            f"{count or len(found)} calls ended in an error, so 'gate' and assert_looks are inconclusive. The first "
+            f"error: {first}"
         )
 
 
@@ -233,19 +237,21 @@ def _pictures(answers: Answers) -> tuple[tuple[PictureResult, ...], str]:
     return tuple(found), among
 
 
-def _steps(wanted: LookRequest, verdict: Verdict, mode: RequestMode, *, whole: bool) -> Iterator[NextStep]:
+def _steps(
+    wanted: LookRequest, verdict: Verdict, mode: RequestMode, *, whole: bool, failing: bool
+) -> Iterator[NextStep]:
     """Yield the possible next steps."""
     run = str(wanted.run)
     if not whole:
-        yield NextStep("continue where it stopped", wanted.command())
+        yield from wanted.continued()
         return
     if failed(wanted):
         yield NextStep("ask the failed calls again", wanted.command(again=True))
-    if verdict.answer == "Yes":
+    if verdict.answer == "Yes" and not failing:
         yield NextStep(
             "keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks"
         )
-    elif verdict.why_not is not None:
+    elif verdict.answer != "Yes" and verdict.why_not is not None:
         settle = verdict.why_not.first or verdict.why_not.settle
         if not settle.startswith("nothing"):
             yield NextStep(f"to settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")

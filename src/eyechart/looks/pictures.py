@@ -37,6 +37,8 @@ TAKEN = 300
 """About this many frames of a data set are used: every Nth, from all episodes."""
 
 
+_OF_IMPORT = ("--no-lead", "no_lead=", "--numbers", "numbers=")
+"""Options that an error about a table names, and that a look does not have."""
 LONG_WAY = "; for an option that this names, make the bank with 'eyechart frames import', and give it with --frames"
 """The end of an error of a data set that needs options of its import."""
 
@@ -92,15 +94,19 @@ class Pictures:
             self._require_same(out, steps, history)
             return place
         out.mkdir(parents=True, exist_ok=True)
-        self._make(place, move, steps, history)
         said = {"format": FORMAT, "frames": self._said(out, steps, history)}
         (out / RECORD).write_text(json.dumps(said, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        self._make(place, move, steps, history)  # last: a bank without a record would be refused later
         return place
 
     def _make(self, place: Path, move: Progress, steps: int | None, history: int) -> None:
         choices = Choices(columns=self.columns, threshold=self.threshold, unit=self.unit, convert=Convert())
         if self.photos is not None and self.table is not None:
-            FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
+            try:
+                FORMATS["table"].importer()(self.photos, table=self.table, out=place, choices=choices, progress=move)
+            except SourceError as error:
+                named = any(option in str(error) for option in _OF_IMPORT)
+                raise SourceError(f"{error}{LONG_WAY if named else ''}") from error
         elif self.dataset is not None:
             form, ahead = format_of_data_set(self.dataset), None if steps is None else Horizon(steps, rotations=None)
             with raising(SourceError, f"{self.dataset}", LONG_WAY, of=SourceError):

@@ -140,10 +140,12 @@ class PolicyLook:
         """Get consent to the most that will be paid, with ``more`` calls before the run."""
         mode, basis = assumed(self._opened.mode)
         spec = self.wanted.spec
-        left += planned.more_by_model()[spec] if states(spec) else 0
-        left += failed(self.wanted) if self.wanted.again else 0
-        expected = estimate(mode, left + more, read_prices(), concurrency=1)
-        self.watch.agree(Bill(self._opened.mode, expected, basis))
+        drawn = planned.more_by_model()[spec] if left else 0  # a finished run has found whether it draws
+        usual = left + more + (failed(self.wanted) if self.wanted.again else 0)
+        expected = estimate(mode, usual + drawn, read_prices(), concurrency=1)
+        self.watch.agree(
+            Bill(self._opened.mode, expected, basis, usual if drawn else None, "if it repeats its answers")
+        )
 
     def _sized(self) -> PolicyRun:
         """Return the plan on all frames, or on as many as the budget allows a sampling policy."""
@@ -212,7 +214,7 @@ class PolicyLook:
             verdict.camera.label,
             tuple(_pictures(scored, spec)),
             f"a mean of {len(planned.plan.frames)} frames",
-            tuple(_steps(self, scored, answer, verdict.camera.label, left=calls > finished)),
+            tuple(_steps(self, scored, answer, verdict, left=calls > finished)),
             wanted.report,
             wanted.run,
             finished,
@@ -252,16 +254,20 @@ def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
             yield PictureResult(words, change=one.value, ci=one.ci, n=one.n, why=one.note or "not asked")
 
 
-def _steps(asked: PolicyLook, scored: PolicyScore, answer: str, label: str, *, left: bool) -> Iterator[NextStep]:
+def _steps(
+    asked: PolicyLook, scored: PolicyScore, answer: str, verdict: PolicyVerdict, *, left: bool
+) -> Iterator[NextStep]:
     wanted, run = asked.wanted, shlex.quote(str(asked.wanted.run))
     if left:
-        yield NextStep("continue where it stopped", wanted.command())
+        yield from wanted.continued()
         return
     if failed(wanted):
         yield NextStep("ask the failed calls again", wanted.command(again=True))
     if answer == "Yes":
         yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
-    elif CAMERA[label].may_be_more:
+    elif verdict.guards:
+        yield NextStep("see why it cannot be judged, and repair it", asked.doctor())
+    elif CAMERA[verdict.camera.label].may_be_more:
         settle = settling(scored, wanted.spec, CAMERAS)
         if settle.is_of_the_road:
             yield NextStep("to settle it: does its picture reach it?", asked.doctor())

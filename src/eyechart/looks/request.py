@@ -2,19 +2,20 @@
 
 import re
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from eyechart.costs import CostEstimate, duration
+from eyechart.errors import SpecError
 from eyechart.ledger import Ledger
-from eyechart.looks.answer import PYTHON
+from eyechart.looks.answer import PYTHON, NextStep
 from eyechart.looks.pictures import Pictures
-from eyechart.manifest import LEDGER, is_run
+from eyechart.manifest import LEDGER, is_run, read_manifest
 from eyechart.models import OpenedModel
 from eyechart.models.http import is_loopback
 from eyechart.models.prices import OWN_MACHINE
-from eyechart.modes import RequestMode
+from eyechart.modes import RequestMode, read_mode
 from eyechart.planned_run import Bar
 from eyechart.run import failed_on_the_road
 from eyechart.studies import ReadOptions, study_of
@@ -22,6 +23,8 @@ from eyechart.studies import ReadOptions, study_of
 _NO_NAME = re.compile(r"[^A-Za-z0-9._]+")
 _ARGUMENTS = {"frames": "bank", "map": "columns"}
 """Python names of command options that differ."""
+MODE = "mode.toml"
+"""The request mode that a look found, in its folder."""
 UNASKED_CALLS = 100
 """This many calls of unknown price need no consent."""
 
@@ -62,6 +65,16 @@ class LookRequest:
         """Return the page's path."""
         return self.out / "report.html"
 
+    def require_own_folder(self) -> None:
+        """Raise SpecError if the folder is a file, or holds a look at another model, whose mode would be lost."""
+        if self.out.exists() and not self.out.is_dir():
+            raise SpecError(f"{self.out} is a file, and a look needs a folder: give another --out")
+        kept = self.out / MODE
+        before = read_manifest(self.run).models if is_run(self.run) else ()
+        of = [*before] or ([read_mode(kept).spec] if kept.is_file() else [])
+        if of and self.spec not in of:
+            raise SpecError(f"{self.out} holds a look at {', '.join(of)}, not at {self.spec}: give another --out")
+
     def command(self, *, prompt: str | None = None, out: Path | None = None, again: bool = False) -> str:
         """Return the command that looks again, with another prompt or folder, or at failed calls.
 
@@ -80,6 +93,13 @@ class LookRequest:
             option = f"--{one.replace('_', '-')}"
             words += [option] if value is True else [word for each in many for word in (option, each)]
         return shlex.join(["eyechart", "look", self.spec, *words])
+
+    def continued(self) -> Iterator[NextStep]:
+        """Yield how to go on with an unfinished run; changed code of a callable needs another folder."""
+        yield NextStep("continue where it stopped", self.command())
+        if self.spec.startswith("python:"):
+            again = self.command(out=self.out.with_name(f"{self.out.name}-2"))
+            yield NextStep("if its code is changed first, look in another folder", again)
 
     @property
     def _given(self) -> dict[str, str | int | float | dict[str, str]]:
@@ -125,13 +145,15 @@ def folder_name(spec: str) -> str:
 class Bill:
     """The most that calls take: dollars (None without a price), seconds (None if unmeasured).
 
-    ``usual`` is the number of calls for a model that never looks, whose verdict is settled early.
+    ``usual`` is the number of calls in a frequent case, which ``when`` names: a model that never
+    looks is settled early.
     """
 
     mode: RequestMode
     expected: CostEstimate
     basis: str
     usual: int | None = None
+    when: str = "if it never looks"
 
     @property
     def is_own(self) -> bool:
@@ -149,7 +171,7 @@ class Bill:
     def words(self) -> str:
         """Return the bill in one line."""
         one = self.expected
-        usual = "" if self.usual is None else f" (about {self.usual} if it never looks)"
+        usual = "" if self.usual is None else f" (about {self.usual} {self.when})"
         time = "minutes not known yet" if one.seconds is None else f"about {duration(one.seconds)}"
         cost = "cost not known" if one.cost_usd is None else f"at most ${one.cost_usd:.2f} {self.basis}"
         return f"at most {one.calls} calls{usual}, {time}, {'no cost' if self.is_own else cost}"

@@ -11,14 +11,14 @@ from eyechart.destination import whole
 from eyechart.errors import LedgerError, raising
 from eyechart.limits import NOTHING, Usage
 from eyechart.looks.answer import Look, NextStep
-from eyechart.looks.request import LookRequest
+from eyechart.looks.request import MODE, LookRequest
 from eyechart.models.prices import Prices
 from eyechart.modes import RequestMode, read_mode, write_mode
 from eyechart.planned_run import Bar
 from eyechart.probe import ProbeError, Sample, doctor, is_served, probe
 from eyechart.records import build, parse_json
 
-MODE, SPENT = "mode.toml", "spent.json"
+SPENT = "spent.json"
 MOST_CALLS = 28 + 76
 """The most calls of a doctor and a probe together."""
 

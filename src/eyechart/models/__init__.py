@@ -1,5 +1,6 @@
 """Models that answer queries: one module an adapter, one door for all."""
 
+import asyncio
 import os
 import time
 import tomllib
@@ -15,7 +16,6 @@ from urllib.parse import urlsplit
 from eyechart import __version__
 from eyechart.calls import Query, Reply, bounded, misfit
 from eyechart.errors import SpecError, did_you_mean
-from eyechart.event_loops import asyncio
 from eyechart.modes import RequestMode, each_without_secrets, in_one_line, read_mode
 
 

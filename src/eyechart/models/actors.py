@@ -1,5 +1,6 @@
 """Models held by actors on a Ray cluster: the coordinator plans and records, the actors answer."""
 
+import asyncio
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -7,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from eyechart.calls import Query, Reply
 from eyechart.clusters import actor, join, require_gpus
 from eyechart.errors import SpecError
-from eyechart.event_loops import asyncio
 from eyechart.models import Model, ask, open_model
 from eyechart.models.batches import Batches
 from eyechart.modes import RequestMode, in_one_line

@@ -1,11 +1,11 @@
 """Queries that wait together and are answered in one call of a callable, each with its own reply."""
 
+import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
 from eyechart.calls import Query, Reply
-from eyechart.event_loops import asyncio
 from eyechart.modes import in_one_line
 
 WAIT_S = 0.01

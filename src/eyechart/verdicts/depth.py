@@ -136,6 +136,14 @@ SHOWN: tuple[Clause, ...] = (
         for one in THIRDS
     ),
     _bound("order", "high", "<", ORDER_CUT, "that few comparisons come out the wrong way round is not shown"),
+    _bound(
+        "picture_before",
+        "high",
+        "<",
+        0.0,
+        "that the picture before moves its braking less than half as much is not shown",
+        untested=True,
+    ),
     compared(
         "unparsed_controls",
         "low",

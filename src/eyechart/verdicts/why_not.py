@@ -93,7 +93,7 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     found, label, name = evidence.statistics, ruling.label, ruling.decided_by
     if label == "depth":
         return _not_lateral(found, lateral)
-    if evidence.stopped is not None:
+    if evidence.stopped is not None and not evidence.stopped.whole:
         return _stopped(evidence, label) if label in _EARLY else None
     made: dict[str, Callable[[], WhyNot]] = {
         "not_scorable": lambda: WhyNot(ANY, name, ruling.statistic, f"at most {UNPARSED_CUT}", _DECISIONS),
@@ -211,6 +211,8 @@ def _not_depth(evidence: Evidence) -> WhyNot:
         return replace(_by_clause("depth", clause, found, f"about {frames} frames with {PATCHED}"), frames=frames)
     elif clause is NO_OPEN_PLACE:
         settle = f"more frames {one.note}"
+    elif clause.statistic == "picture_before":
+        settle = "an answer to each picture of its own: no memory of earlier calls"
     elif clause.statistic == "unparsed_controls":
         settle = "decisions on edited pictures: it declines them more often than true ones may be"
     return _by_clause("depth", clause, found, settle)

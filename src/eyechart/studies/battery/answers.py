@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
@@ -29,6 +29,9 @@ D = TypeVar("D")
 ABSENT = ""
 """The symbol of a call without a reply."""
 
+_SYMBOLS_KEPT = 500_000
+"""The most bytes of a condition's symbols that are kept; a symbol has 4 bytes a letter, and many models add up."""
+
 _FEW = 100
 """With fewer actions it is quicker to count the pairs of a column than to sort them."""
 
@@ -42,7 +45,8 @@ class Answers:
 
     ``finished`` counts the calls about these frames whose reply is final. ``no_gap`` gives the
     reason where ``gap`` is None. ``told`` says whether the prompt described each frame. ``made``
-    says how the bank's control pictures were made.
+    says how the bank's control pictures were made. ``sent`` gives by condition the turn of each
+    frame's call among all that were sent, -1 without one; it is empty where the order is unknown.
     """
 
     model: str
@@ -54,6 +58,7 @@ class Answers:
     no_gap: str = NO_GAP
     told: bool = False
     made: Provenance = "rendered"
+    sent: Mapping[str, Codes] = field(default_factory=dict, compare=False)
 
     def under(self, conditions: Collection[str]) -> "Answers":
         """Return the decisions under some conditions alone; ``finished`` still counts all calls."""
@@ -74,9 +79,17 @@ class Answers:
         if (condition, level) not in self._symbols:
             names = [self.space.symbol(action) for action in self._coded[0]]
             none = UNPARSED if level == "response" else ABSENT
-            made = np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2]
-            self._symbols[condition, level] = _fixed(made)
+            made = _fixed(np.array([ABSENT, none, *names], dtype=np.str_)[self._column(condition) + 2])
+            if made.nbytes > _SYMBOLS_KEPT:
+                return made
+            self._symbols[condition, level] = made
         return self._symbols[condition, level]
+
+    def codes(self, condition: str, level: str, names: Sequence[str]) -> Codes:
+        """Return the place of each frame's symbol in ``names``, -1 for ``ABSENT``; see `symbols`."""
+        place, none = {name: at for at, name in enumerate(names)}, UNPARSED if level == "response" else ABSENT
+        symbols = [ABSENT, none, *map(self.space.symbol, self._coded[0])]
+        return np.array([place.get(one, -1) for one in symbols], dtype=np.int64)[self._column(condition) + 2]
 
     @cached_property
     def _symbols(self) -> dict[tuple[str, str], Symbols]:
@@ -279,20 +292,22 @@ def read_answers(
 
 
 def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool = False, told: bool = False) -> Answers:
-    """Return what `read_answers` returns, from the attempts of a ledger."""
+    """Return what `read_answers` returns, from the attempts of a ledger, with the order of the calls."""
     asked, rows = frozenset(plan.asked(model)), attempts.last(model)
     shown = np.array([name in asked for name in attempts.names["condition"]], dtype=np.bool_)
     place = attempts.places(plan.places)[attempts.codes["frame"][rows]]
     kept = shown[attempts.codes["condition"][rows]] & (place >= 0)
     rows, place = rows[kept], place[kept]
     conditions, table = attempts.codes["condition"][rows], np.array([*attempts.decisions, None], dtype=object)
-    decisions: dict[str, tuple[Decision[Any] | None, ...]] = {}
+    turns, decisions, sent = np.searchsorted(attempts.of(model), rows), dict[str, Any](), dict[str, Codes]()
     for code in np.flatnonzero(np.bincount(conditions)).tolist():
-        column = np.full(len(plan.frames), -1)
-        column[place[conditions == code]] = attempts.decision[rows[conditions == code]]
-        decisions[attempts.names["condition"][code]] = tuple(table[column].tolist())
+        name, own = attempts.names["condition"][code], conditions == code
+        column, sent[name] = (np.full(len(plan.frames), -1) for _ in range(2))
+        column[place[own]], sent[name][place[own]] = attempts.decision[rows[own]], turns[own]
+        decisions[name] = tuple(table[column].tolist())
     finished = len(rows) - int(attempts.error(rows, UNFINISHED).sum())
-    return _answers(model, plan, dict(sorted(decisions.items())), finished, independent=independent, told=told)
+    answers = _answers(model, plan, dict(sorted(decisions.items())), finished, independent=independent, told=told)
+    return replace(answers, sent=sent)
 
 
 def _answers(

@@ -4,8 +4,8 @@ Each compares braking levels within a frame. Pictures for the order statistic ar
 separates effects that repeat from noise; no noise is subtracted.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
 
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from eyechart.conditions import OLDER
 from eyechart.seeds import key_seed
-from eyechart.stats.jackknife import LEAST_EPISODES, mean_of_frames
+from eyechart.stats.jackknife import LEAST_EPISODES, excess_over_half, mean_of_frames
 from eyechart.stats.order import Density, compared_twice, density, greatest_rise, order_of
 from eyechart.stats.paired_tests import Place, Places, sign_test
 from eyechart.stats.statistic import Statistic, not_available
-from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.answers import Answers, Codes
 from eyechart.verdicts import MARGIN
 
 Floats = NDArray[np.float64]
@@ -36,6 +36,9 @@ TWICE: dict[str, tuple[str, str]] = {
 
 ONCE: dict[str, tuple[str]] = {"mid_near": ("lead_mid_near",), "mid_far": ("lead_mid_far",)}
 """Pictures between near and far that order does not compare; the first two are of older banks."""
+
+SHOWN_TWICE = tuple(one for one in TWICE if one != "far")
+"""Those of which both answers are to the same picture."""
 
 PICTURE_OF: Mapping[str, str] = {
     name: picture for picture, names in {**TWICE, **ONCE}.items() for name in names if name not in OLDER
@@ -86,7 +89,7 @@ NAMES = (
     *(f"specificity_{name}" for name in THIRDS),
     "order",
     *(f"order_{kind}" for kind in KINDS),
-    *("rise", "file", "drawn_distances"),
+    *("rise", "file", "picture_before", "drawn_distances"),
 )
 """The statistics of depth."""
 
@@ -117,7 +120,8 @@ class BrakingLevels:
 
     ``levels`` maps a condition, and ``at`` a name of `TWICE`, to arrays of shape (frames,), NaN
     where there is no value. ``episodes`` and each of ``strata`` give a frame's group. ``seed`` is
-    that of the orders for the rise.
+    that of the orders for the rise. ``before`` maps a condition to the lead's distance in the
+    picture that was sent before each of its own, NaN where that is unknown.
     """
 
     levels: Mapping[str, Floats]
@@ -125,6 +129,7 @@ class BrakingLevels:
     episodes: Symbols
     strata: Mapping[str, Symbols]
     seed: int = 0
+    before: Mapping[str, Floats] = field(default_factory=dict)
 
     def tests(self) -> dict[str, Callable[[], Statistic]]:
         """Return the function of every statistic, by its name."""
@@ -141,6 +146,7 @@ class BrakingLevels:
             **{f"order_{kind}": partial(lambda kind: rest().order(kind), kind) for kind in KINDS},
             "rise": lambda: rest().rise(),
             "file": self.file,
+            "picture_before": lambda: rest().picture_before(),
             "drawn_distances": self.drawn,
         }
 
@@ -239,6 +245,31 @@ class BrakingLevels:
             return not_available(NO_ANSWER, method=what)
         test = sign_test(plain[have] > 0, nudged[have] > 0)
         return replace(test, method=f"{what}: {test.method}")
+
+    def picture_before(self) -> Statistic:
+        """Return the effect of the lead in the picture before, less half that of the own lead.
+
+        Each effect is the slope of the braking level by the logarithm of the distance: how much
+        less hard it brakes if the lead is twice as far. The first compares two answers to one
+        picture by what was sent before each. So neither what a picture shows nor the noise of a
+        call enters it, whatever the order of the calls.
+        """
+        what = (
+            "effect of the lead in the picture before less half of that of the own lead, per doubling of the distance"
+        )
+        nothing = np.full(len(self.episodes), np.nan)
+        before = [[self.before.get(name, nothing) for name in TWICE[one]] for one in SHOWN_TWICE]
+        earlier = [_slope(self.twice(one), at) for one, at in zip(SHOWN_TWICE, before, strict=True)]
+        own = [
+            _slope([self.twice(name).mean(axis=0) for name in pair], [self.distance(name) for name in pair])
+            for pairs in KINDS.values()
+            for pair in pairs
+        ]
+        statistic = excess_over_half(sum(earlier), sum(own), self.episodes)
+        if statistic.value is None:
+            return not_available("the order of its calls, or the distances in them, are not known", method=what)
+        n = sum(int(np.count_nonzero(one[1])) for one in earlier)
+        return replace(statistic, n=n, method=f"{what}: {statistic.method}")
 
     def drawn(self) -> Statistic:
         """Return how densely the answered pictures show the lead along its range."""
@@ -403,6 +434,13 @@ def _placed(of: str, name: str, signs: Floats, episodes: Symbols, beside: Statis
     return Place(of, name, frames, harder, lesser, effect.value, low, high, beside.value, beside_low)
 
 
+def _slope(levels: Floats | Sequence[Floats], distances: Sequence[Floats]) -> Floats:
+    """Return by frame what the slope of two levels by their distances sums up, shape (2, frames)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        apart, doublings = levels[0] - levels[1], np.log2(distances[1] / distances[0])
+    return np.where(np.isfinite(apart + doublings), [apart * doublings, doublings**2], 0.0)
+
+
 def _only(values: Floats, which: Mask | None) -> Floats:
     return values if which is None else np.where(which, values, np.nan)
 
@@ -428,7 +466,17 @@ def moved_of(answers: Answers) -> BrakingLevels:
         episodes=answers.episodes,
         strata={"scenario": answers.scenarios} | _strata(answers),
         seed=key_seed("rise", *(frame.id for frame in answers.frames)),
+        before=_before(answers.sent, at),
     )
+
+
+def _before(sent: Mapping[str, Codes], at: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return by condition the lead's distance in the picture that was sent before each of its own."""
+    shown = np.full(1 + max((int(turns.max()) for turns in sent.values() if len(turns)), default=0), np.nan)
+    for name, turns in sent.items():
+        if picture := PICTURE_OF.get(name):
+            shown[turns[turns >= 0]] = at[picture][turns >= 0]
+    return {name: np.where(turns > 0, shown[np.maximum(turns, 1) - 1], np.nan) for name, turns in sent.items()}
 
 
 def _strata(answers: Answers) -> dict[str, Symbols]:

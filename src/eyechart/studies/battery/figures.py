@@ -72,10 +72,9 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
     left = room([who.label for who in everyone])
     above = max([0.95, *(0.2 + 0.05 * len(name) for name in conditions)])  # of names that lean by 40 degrees
     width, height = left + 0.75 + 0.56 * max(1, len(conditions)), 0.05 + above + 0.31 * len(everyone)
-    coloured = [_colours(name, as_paper=as_paper) for name in conditions]
-    cells = [[(share, number(share, 2), one) for share, one in zip(row, coloured, strict=True)] for row in shares]
-    x = conditions.index("real_repeat") if "real_repeat" in conditions else None
-    framed = [] if x is None else [(x - 0.5, -0.5, x + 0.5, len(everyone) - 0.5, INK, 1.6)]
+    cells = _coloured(shares, [_colours(name, as_paper=as_paper) for name in conditions])
+    floor = [x for x, name in enumerate(conditions) if name == "real_repeat"]
+    framed = [(x - 0.5, -0.5, x + 0.5, len(everyone) - 0.5, INK, 1.6) for x in floor]
     below = {"real_repeat": "\n(noise floor)", "mirrored": "" if as_paper else "\n(exchanged)"}
     labels = GridLabels(
         [name + below.get(name, "") for name in conditions], [plain(who.label, 34) for who in everyone], rotation=40
@@ -92,6 +91,10 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
             f"Grey columns, mirrored among them, say nothing alone: the frame decides whether an answer stays. {says}"
         )
     return Drawing("agreement", title, says, figure, wide=True)
+
+
+def _coloured(shares: Sequence[Sequence[float | None]], colours: Sequence[LinearSegmentedColormap]) -> list[list[Cell]]:
+    return [[(share, number(share, 2), one) for share, one in zip(row, colours, strict=True)] for row in shares]
 
 
 def _colours(condition: str, *, as_paper: bool) -> LinearSegmentedColormap:

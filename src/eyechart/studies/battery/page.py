@@ -285,8 +285,9 @@ def counts(who: Subject) -> list[ConditionCalls]:
     """Return the counts of a model's calls, one row per condition."""
     planned: dict[str, int] = dict.fromkeys(who.run.conditions, 0)
     plan = plan_of(who.run.score.manifest, who.run.score.bank)
-    for key in replace(plan, controls={who.spec: who.model.controls.controls}).keys_of(who.spec):
-        planned[key.condition] += 1
+    cells = replace(plan, controls={who.spec: who.model.controls.controls}).cells(who.spec)
+    for (condition, _), shown in cells.items():
+        planned[condition] += int(shown.sum())
     result = []
     for name, count in planned.items():
         took = who.run.score.accounting[who.spec].get(name)

@@ -37,7 +37,7 @@ from eyechart.stats.episodes import (
 from eyechart.stats.jackknife import association_interval, over_tables
 from eyechart.stats.resamples import permute_mutual_information
 from eyechart.stats.statistic import Statistic, not_available
-from eyechart.studies.battery.answers import ABSENT, Answers, Mask, Symbols
+from eyechart.studies.battery.answers import ABSENT, Answers, Mask
 from eyechart.verdicts import DECIDED
 
 Statistics = dict[str, Statistic]
@@ -131,29 +131,26 @@ class PaperStatistics:
 
     def _dependence(self, level: str) -> dict[str, Callable[[], Statistic]]:
         def over(names: Sequence[str]) -> Statistic:
-            return self._association({name: self.answers.symbols(name, level) for name in names})
+            return self._association(names, level)
 
         return {
             "cramers_v": cache(partial(over, BATTERY)),
             "cramers_v_real_blank": partial(over, ("real", "blank")),
         }
 
-    def _association(self, columns: dict[str, Symbols]) -> Statistic:
+    def _association(self, names: Sequence[str], level: str) -> Statistic:
         """Return Cramér's V of condition × answer, with its interval over episodes."""
-        answer = self._coded(np.concatenate(list(columns.values())))
-        conditions = tuple(sorted(columns))
-        rows = np.repeat([conditions.index(condition) for condition in columns], len(self.answers.frames))
-        episodes = np.tile(self._episodes, len(columns))
+        answer, conditions = self._coded(names, level), tuple(sorted(names))
+        rows = np.repeat([conditions.index(condition) for condition in names], len(self.answers.frames))
+        episodes = np.tile(self._episodes, len(names))
         have = answer.codes >= 0
         return self._table(_CodedLabels(rows[have], conditions), answer.where(have), episodes[have])
 
-    def _coded(self, symbols: Symbols) -> "_CodedLabels":
-        """Return symbols as numbers, in sorted order of their names, -1 for ``ABSENT``."""
+    def _coded(self, conditions: Sequence[str], level: str) -> "_CodedLabels":
+        """Return the symbols of conditions as numbers, in sorted order of their names, -1 for ``ABSENT``."""
         names = tuple(sorted({*self.answers.names, UNPARSED}))
-        codes = np.full(len(symbols), -1, dtype=np.int64)
-        for code, name in enumerate(names):
-            codes[symbols == name] = code
-        return _CodedLabels(codes, names)
+        codes = [self.answers.codes(condition, level, names) for condition in conditions]
+        return _CodedLabels(np.concatenate(codes), names)
 
     def _table(self, rows: "_CodedLabels", columns: "_CodedLabels", episodes: Codes) -> Statistic:
         made = contingency(rows.codes, columns.codes)
@@ -188,11 +185,11 @@ class PaperStatistics:
         gaps = self.answers.gaps
         if gaps is None or self.answers.gap is None:
             return not_available(self.answers.no_gap)
-        real = self.answers.symbols("real", level)
-        have = real != ABSENT
+        real = self._coded(["real"], level)
+        have = real.codes >= 0
         if not have.any():
             return not_available("no answers to real pictures")
-        return self._coded(real[have]), gaps[have], have
+        return real.where(have), gaps[have], have
 
     def _information(self, real: "_CodedLabels", gaps: Floats, have: Mask, level: str) -> Statistic:
         bins = quantile_bins(gaps)
@@ -265,7 +262,7 @@ class PaperStatistics:
         real = self.answers.actions("real")
         have = real != ABSENT
         result = {"modal_share": modal_share(real[have]), "entropy": entropy_bits(real[have])}
-        answer = self._coded(real)
+        answer = self._coded(["real"], "decision")
         if not have.any():
             return result
         counts = dict(zip(*(each.tolist() for each in np.unique(real[have], return_counts=True)), strict=True))

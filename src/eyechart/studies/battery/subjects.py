@@ -6,6 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Generic
 
+import numpy as np
+
 from eyechart.calls import Reply
 from eyechart.costs import ALL, Account
 from eyechart.errors import BankError
@@ -26,7 +28,7 @@ Replies = Mapping[tuple[str, str], Reply]
 
 @dataclass(frozen=True)
 class RunEvidence(Generic[M]):
-    """One scored run, with its verbatim ``replies`` by model.
+    """One scored run, with its verbatim ``replies`` by model: their text, end and error.
 
     ``pictures`` is None where the bank's pictures cannot be shown, and ``about_pictures`` then
     gives the reason. Otherwise it says that they are the pictures that the run recorded.
@@ -107,7 +109,8 @@ def evidence_of(
     """Return the evidence of a scored run with its pictures, if they were found."""
     with Ledger(ledger_path) as ledger:
         replies = {
-            spec: {(key.frame, key.condition): reply for key, reply in ledger.replies(spec)} for spec in scored.models
+            spec: {(key.frame, key.condition): reply for key, reply in ledger.replies(spec, whole=False)}
+            for spec in scored.models
         }
     return RunEvidence(name, scored, replies, pictures, about)
 
@@ -115,8 +118,11 @@ def evidence_of(
 def used_pictures(manifest: RunManifest, bank: FrameBank) -> set[str]:
     """Return the files of the bank's pictures that the calls need, controls included."""
     plan = widest(manifest, plan_of(manifest, bank))
-    shown = {(key.condition, key.frame) for key in plan.keys()}  # noqa: SIM118 - a plan is no mapping
-    return {file for name, frame in shown for file in plan.sources(name, bank.frame(frame))}
+    shown: dict[str, set[int]] = {}
+    for spec in plan.models:
+        for (name, _), cells in plan.cells(spec).items():
+            shown.setdefault(name, set()).update(np.flatnonzero(cells).tolist())
+    return {file for name, places in shown.items() for at in places for file in plan.sources(name, plan.frames[at])}
 
 
 def accounts_of(everyone: Sequence[ModelInRun[M]]) -> dict[str, Account]:
