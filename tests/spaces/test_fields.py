@@ -291,6 +291,27 @@ def test_a_number_that_means_another_one_is_no_answer(text: str, why: str) -> No
 
 
 @pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ('{"speed": 5, "turn": "left"}\nWait, the lead is close. I change to 2 m/s.', None),
+        ('{"speed": 5, "turn": "left"}\nActually no, 2 m/s.', None),
+        ('{"speed": 5, "turn": "left"}\nSorry: −5.', None),
+        ('{"speed": 5, "turn": "left"}\nOn second thought, turn right.', None),
+        ('{"speed": 5, "turn": "left"}\nActually, Right!', None),
+        ('{"speed": 5, "turn": "left"}\nActually the lead is 8 m ahead, 5 m/s is safe.', (5.0, "left")),
+        ('{"speed": 5, "turn": "left"}\nI turn left, and not right. I wait 2 s before.', (5.0, "left")),
+        ('{"speed": 5, "turn": "left"} The lead is actually very close.', (5.0, "left")),
+        ('Wait, 9 m/s and right are unsafe. {"speed": 5, "turn": "left"}', (5.0, "left")),
+    ],
+)
+def test_a_correction_behind_an_object_leaves_it_unread(text: str, values: object) -> None:
+    """Though it does not name the field: of two values, nobody knows which is meant."""
+    turn = AnswerField("turn", key="turn", values=("left", "right"))
+    found = read_fields(text, [AnswerField("speed", "number", "speed", unit="m/s"), turn])
+    assert (found.values, found.why) == (values, None if values else "several_values")
+
+
+@pytest.mark.parametrize(
     ("text", "read"),
     [
         ("speed 18 (km/h)", False),

@@ -359,7 +359,8 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
     """
     if len(text) > READ_AT_MOST:
         return FieldValues(None, "too_long", fields[0].name)
-    objects, rest = _objects(text) if any(one.key is not None for one in fields) else ((), text)
+    objects, around = _objects(text) if any(one.key is not None for one in fields) else ((), [text])
+    rest = "\n".join(around)
     values: list[Value] = []
     for one in fields:
         found = _field_in(text, one, objects, rest)
@@ -367,6 +368,8 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
             _names_other_unit(one, objects, fields) or _says_other_unit(one, rest, fields)
         ):
             found = _NoFieldValue("other_unit")
+        if one.key is not None and _corrects(one, found, around[-1]):
+            found = _NoFieldValue("several_values")
         if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
         values.append(found)
@@ -452,6 +455,32 @@ def _says_more(field: AnswerField, leaf: str, rest: str) -> bool:
         return True
     value = r"[+-]?\.?\d" if field.kind == "number" else "|".join(map(re.escape, field.values)) or r"\Z(?!\Z)"
     return re.search(rf"(?<![\w.]){leaf}{_SAID}\s*[\"'`*]*(?:{value})(?!\w)", rest, re.IGNORECASE) is not None
+
+
+_CORRECTED = re.compile(
+    r"\b(?:actually|correction|on second thoughts?|scratch that|(?:sorry|wait)(?=\s*[,.:;!])"
+    r"|i (?:change|correct|revise))\b",
+    re.IGNORECASE,
+)
+_NUMBER_SAID = re.compile(rf"(?<![\w.,])(?<!\d[ -]){_NUMBER}(?![\w.,]*\d)")
+
+
+def _corrects(field: AnswerField, value: Value | _NoFieldValue, rest: str) -> bool:
+    """Return whether the words behind an object correct it, as "Wait, 2 m/s" or "Actually, right" does."""
+    for one in _CORRECTED.finditer(rest):
+        said = rest[one.end() : one.end() + _CORRECTS_WITHIN].partition("\n")[0].translate(_MINUS)
+        if field.kind == "name" and isinstance(value, str):
+            others = (name for name in field.values if name != value)
+            if any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said, re.IGNORECASE) for name in others):
+                return True
+        for number in _NUMBER_SAID.finditer(said) if isinstance(value, float) else ():
+            behind = said[number.end() :]
+            if float(number[0]) != value and not _has_other_unit(field, behind, _UNITS.match(behind)):
+                return True
+    return False
+
+
+_CORRECTS_WITHIN = 60
 
 
 def _at(value: object, path: Sequence[str]) -> Iterator[object]:
@@ -569,8 +598,8 @@ def _pairs(value: object) -> Sequence[tuple[str, object]]:
     return value if isinstance(value, _JsonPairs) else ()
 
 
-def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
-    """Return the outermost objects of a text, JSON or Python, and the text around them."""
+def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], list[str]]:
+    """Return the outermost objects of a text, JSON or Python, and the texts around them."""
     found = list(json_objects(text, _JsonPairs))
     found += _python_objects(text, [(start, end) for start, end, _ in found])
     found.sort(key=lambda one: one[0])
@@ -579,7 +608,7 @@ def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
         rest.append(text[end:start])
         end = behind
     meant = (pairs for start, _, pairs in found if _EXAMPLE.search(text, max(0, start - 40), start) is None)
-    return tuple(meant), "\n".join((*rest, text[end:]))
+    return tuple(meant), [*rest, text[end:]]
 
 
 _PYTHON = re.compile(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
