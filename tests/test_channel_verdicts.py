@@ -585,9 +585,10 @@ def test_failures_on_many_kinds_of_pictures_are_one_clause() -> None:
     of_moves = "it fails on 8 kinds of computed pictures, at worst on 27 of 48 pictures with the other object moved and"
     assert of_moves in judged.camera.why_not
     assert of_moves in judged.instruction.because
-    for guard in ({"motions": Statistic(0.7, 9)}, {"noise": Statistic(0.9, 9)}):
-        found = verdict(named=None, follow=None, asked=asked, **guard)
-        assert found.remarks[0] == f"I{worst} would do there is not known, and its other answers are not judged either"
+    found = verdict(named=None, follow=None, asked=asked, motions=Statistic(0.7, 9))
+    assert "it fails on" not in str(found).lower(), "it fails on all kinds of pictures"
+    found = verdict(named=None, follow=None, asked=asked, noise=Statistic(0.9, 9))
+    assert found.remarks[0] == f"I{worst} would do there is not known, and its other answers are not judged either"
     for said in (judged, found):
         assert "_plus" not in str(said)
         assert str(said).count("it fails on") <= 4

@@ -307,7 +307,8 @@ class Emptiness:
             f"all {self.came} replies are empty" if self.whole else f"{self.empty} of {self.came} replies are empty"
         )
         if self.called:
-            return f"{counted}, and {self.called} of them call a tool: --json-mode tool_call reads the answer there"
+            way = "--json-mode tool_call reads the answer there, if a reply has one call, or equal ones"
+            return f"{counted}, and {self.called} of them call a tool: {way}"
         if not self.thought:
             return f"{counted}: the server's log, or a call by hand, says why"
         return (

@@ -172,6 +172,8 @@ def test_state_and_action_are_found_by_their_usual_names_or_by_those_that_are_gi
     assert [(one.state, one.motion) for one in bank_of(tmp_path / "set", "given", given)] == usual
     with pytest.raises(SourceError, match=r"state propio: .* no such feature .*proprio"):
         bank_of(tmp_path / "set", "misspelt", Horizon(2, "absolute", ("propio",), ("control",)))
+    with pytest.raises(SourceError, match=r"^state names 'proprio' twice; name each feature once"):
+        bank_of(tmp_path / "set", "twice", Horizon(2, "absolute", ("proprio", "proprio"), ("control",)))
 
 
 def test_a_state_in_parts_is_one_state(tmp_path: Path) -> None:

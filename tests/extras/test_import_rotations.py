@@ -187,6 +187,20 @@ def test_a_rotation_that_the_data_contradict_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("how", "declared", "first"),
+    [("quat_xyzw", "axis_angle", 3), ("quat_xyzw", "euler_xyz", 4), ("rot6d", "euler_ZYX", 5)],
+)
+def test_three_numbers_of_a_longer_rotation_are_no_rotation(
+    tmp_path: Path, how: Representation, declared: Representation, first: int
+) -> None:
+    """Angles of a quaternion's imaginary numbers would be half of the turn."""
+    posed(tmp_path / "set", how)
+    end = 3 + WIDTH[how]
+    said = asked(tmp_path / "set", f"action[3:{end}]={how}", f"{STATE}[{first}:{first + 3}]={declared}")
+    assert f"={declared}: they are a part of {STATE}[3:{end}], which look like {how}" in said
+
+
+@pytest.mark.parametrize(
     ("option", "says"),
     [
         ("action[3:7]", "write FEATURE"),

@@ -76,6 +76,15 @@ def reversed_(images: Many, states: Sequence[np.ndarray], instructions: Sequence
 reversed_.batch = 8  # type: ignore[attr-defined]
 
 
+def centred(images: Many, states: Sequence[np.ndarray], instructions: Sequence[str | None]) -> np.ndarray:
+    """Answer by how a query differs from its batch, as a normalisation by the batch does."""
+    answers = np.array(stacked(images, states, instructions)["actions"])
+    return answers - answers.mean(axis=0)
+
+
+centred.batch = 8  # type: ignore[attr-defined]
+
+
 def too_few(images: Many, states: Sequence[np.ndarray], instructions: Sequence[str | None]) -> list[np.ndarray]:
     """Answer one query of many."""
     return stacked(images, states, instructions)["actions"][:1]  # type: ignore[return-value]
@@ -248,6 +257,10 @@ def test_each_query_of_a_batch_has_its_own_seed(bank: FrameBank) -> None:
     [
         ("reversed_", "are they in the order of the queries"),
         ("batched", "two frames in a batch get the answers that each gets alone"),
+        (
+            "centred",
+            "in a batch its answers differ from those alone, which are the same for two frames: are they in the order",
+        ),
         ("too_few", "two frames in a batch fail, so each was asked alone, as a run does: ValueError: 2 queries got 1"),
     ],
 )

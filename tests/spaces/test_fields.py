@@ -152,6 +152,11 @@ def test_a_number_belongs_to_the_first_range_that_holds() -> None:
         ({"fields": [{"name": "a", "values": ["x", "y"], "brake": ["x"], "proceed": ["x"]}]}, "cannot both"),
         ({"fields": [{"name": "a", "values": ["x", "y"], "from_column": "z"}]}, "not both"),
         ({"fields": [{"name": "a"}, {"name": "b", "key": "b"}]}, "needs a key or a pattern"),
+        (
+            {"fields": [{"name": "a", "key": "p.x"}, {"name": "b", "key": "p.x.y"}]},
+            "key 'p.x.y' is inside 'p.x', which is the value of another field",
+        ),
+        ({"fields": [{"name": one, "pattern": "x: (a|b)"} for one in "ab"]}, "two fields have one pattern: x"),
         ({"fields": [{"name": "a", "key": "x"}, {"name": "b", "key": "x"}]}, "one key"),
     ],
 )
@@ -285,6 +290,66 @@ def test_a_number_that_means_another_one_is_no_answer(text: str, why: str) -> No
     assert read_fields(text, [DRIVEN]) == FieldValues(None, why, "speed")
 
 
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ('{"speed": 5, "turn": "left"}\nWait, the lead is close. I change to 2 m/s.', None),
+        ('{"speed": 5, "turn": "left"}\nActually no, 2 m/s.', None),
+        ('{"speed": 5, "turn": "left"}\nSorry: −5.', None),
+        ('{"speed": 5, "turn": "left"}\nOn second thought, turn right.', None),
+        ('{"speed": 5, "turn": "left"}\nActually, Right!', None),
+        ('{"speed": 5, "turn": "left"}\nActually the lead is 8 m ahead, 5 m/s is safe.', (5.0, "left")),
+        ('{"speed": 5, "turn": "left"}\nI turn left, and not right. I wait 2 s before.', (5.0, "left")),
+        ('{"speed": 5, "turn": "left"} The lead is actually very close.', (5.0, "left")),
+        ('Wait, 9 m/s and right are unsafe. {"speed": 5, "turn": "left"}', (5.0, "left")),
+    ],
+)
+def test_a_correction_behind_an_object_leaves_it_unread(text: str, values: object) -> None:
+    """Though it does not name the field: of two values, nobody knows which is meant."""
+    turn = AnswerField("turn", key="turn", values=("left", "right"))
+    found = read_fields(text, [AnswerField("speed", "number", "speed", unit="m/s"), turn])
+    assert (found.values, found.why) == (values, None if values else "several_values")
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [
+        ("speed 18 (km/h)", False),
+        ("speed: 18 [in km/h]", False),
+        ("speed: 18 in km/h", False),
+        ("speed (km/h): 18", False),
+        ("Speed in km/h: 18", False),
+        ("speed: 5 m/s^2", False),
+        ("speed: 5 (m/s)", True),
+        ("speed (m/s): 5", True),
+        ("Speed in m/s: 5", True),
+        ("speed: 5 in the left lane (clear)", True),
+        ("(gap 8 m) speed: 5", True),
+    ],
+)
+def test_a_unit_in_brackets_or_behind_in_is_the_numbers_too(text: str, read: object) -> None:
+    """Before the number and behind it."""
+    field = AnswerField("speed", "number", pattern=r"[Ss]peed(?: \(.*\)| in \S+)?:? (-?\d+)", unit="m/s")
+    assert read_fields(text, [field]).why == (None if read else "other_unit")
+
+
+def test_a_declared_field_says_no_unit_of_another() -> None:
+    """Whatever its name: a reply that holds what is asked for is read."""
+    keys = {"speed": "m/s", "speed_kmh": "km/h"}
+    fields = [AnswerField(key, "number", key, unit=unit) for key, unit in keys.items()]
+    assert read_fields('{"speed": 5, "speed_kmh": 18}', fields).values == (5.0, 18.0)
+    named = [fields[0], AnswerField("unit", key="unit", values=("m/s", "km/h"))]
+    assert read_fields('{"speed": 5, "unit": "km/h"}', named).values == (5.0, "km/h")
+
+
+def test_a_unit_around_a_number_within_an_object_is_its_own() -> None:
+    """Of the object that holds the field's, or of one around that."""
+    fields = [AnswerField("vx", "number", "move.vx", unit="m/s"), AnswerField("wz", "number", "move.wz", unit="rad/s")]
+    for unit, values in (("km/h", None), ("m/s", (18.0, 0.0))):
+        for text in ('{"move": {"vx": 18, "wz": 0}, "unit": "%s"}', '{"move": {"vx": 18, "wz": 0, "unit": "%s"}}'):
+            assert read_fields(text % unit, fields).values == values
+
+
 def test_of_two_units_the_one_that_a_pattern_names_is_read() -> None:
     """Under a key nobody knows which of both a number is in, so it is no answer."""
     text = "the angle in degrees is 11.5, in rad 0.2"
@@ -333,14 +398,27 @@ def test_an_example_is_no_answer_and_a_correction_in_words_is_heard() -> None:
         ('I state speed (km/h) and steer (rad): {"speed": 5, "steer": 0.1}', False),
         ('{"speed": 5, "steer": 0.1} (Steer in radians, speed [m/s])', True),
         ('{"speed": 5, "steer": 0.1} I steer in the left lane, speed in check.', True),
-        ('{"speed": 5, "steer": 0.1} (in degrees)', True),
+        ('{"speed": 5, "steer": 0.1} (in degrees)', False),
+        ('{"speed": 5, "steer": 0.1} (in rad)', True),
+        ('{"speed": 18, "steer": 0.1, "unit": "km/h"}', False),
+        ('{"speed": 18, "steer": 0.1, "Units": "km/h and rad"}', False),
+        ('{"speed": 18, "steer": 0.1, "units": ["km/h", "rad"]}', False),
+        ('{"speed": 18, "steer": 0.1, "unit": {"Speed": "km/h"}}', False),
+        ('{"speed": 5, "steer": 0.1, "units": {"speed": "metres per second", "gap": "ft"}}', True),
+        ('{"speed": 18, "steer": 0.1, "unit_of_speed": "km/h"}', False),
+        ('{"speed": 18, "steer": 0.1, "linear_unit": "km/h"}', False),
+        ('{"speed": 18, "steer": 0.1, "speed_kmh": 18}', False),
+        ('{"speed": 5, "steer": 0.1, "speed (km/h)": 18}', False),
+        ('{"speed": 5, "steer": 0.1, "speed_mps": 5, "steer_rad": 0.1, "speed_min": 0, "speed_max": 9}', True),
+        ('{"speed": 5, "steer": 0.1, "gap": 20, "gap_unit": "ft", "community": "m"}', True),
+        ('Units: km/h and rad. {"speed": 18, "steer": 0.1}', False),
         ('{"speed": 5, "steer": 0.1}, speed in metres per second / steer in rad / as usual', True),
         ('{"speed": 5, "steer": 0.1} (speed in meters per second squared)', False),
         ('{"speed": 5, "steer": 0.1} (steer in rad/s)', False),
     ],
 )
 def test_a_unit_that_stands_beside_a_number_is_the_fields_own(text: str, read: object) -> None:
-    """As one does that follows the number; of several fields a nameless unit is nobody's."""
+    """As one does that follows the number; of several fields, a unit that names none must be that of one."""
     fields = [AnswerField("speed", "number", "speed", unit="m/s"), AnswerField("steer", "number", "steer", unit="rad")]
     found = read_fields(text, fields)
     assert (found.values, found.why) == ((5.0, 0.1), None) if read else (None, "other_unit")

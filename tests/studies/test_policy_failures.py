@@ -95,6 +95,8 @@ def test_failures_over_all_conditions_are_those_of_the_policy(bank: FrameBank, t
     assert 0.5 < motions < 0.9
     assert list(found.guards) == ["not_scorable"]
     assert "error" in found.guards["not_scorable"]
+    assert one.motions.fails_on
+    assert not any("computed pictures" in remark for remark in found.remarks)
 
 
 def test_no_absence_rests_on_pictures_that_it_fails_on(bank: FrameBank, tmp_path: Path) -> None:

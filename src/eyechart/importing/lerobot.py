@@ -463,6 +463,8 @@ def _features_of(data: Dataset, ahead: Horizon) -> tuple[Sequence[str], Sequence
     """
     for option, names in (("--state", ahead.state), ("--action", ahead.action)):
         for name in names:
+            if list(names).count(name) > 1:
+                raise SourceError(f"{option} names '{name}' twice; name each feature once")
             if not _columns(data.features, name):
                 numbers = [feature for feature in data.features if _columns(data.features, feature)]
                 near = did_you_mean(name, numbers)

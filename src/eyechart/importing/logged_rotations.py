@@ -154,11 +154,21 @@ class LoggedRows:
         names = [self.names[one.of][number].lower() for number in one.numbers]
         fault = _contradicted(names, one.representation) or _spoiled(rows, one.representation)
         if not fault:
-            return ""
+            return self._is_part(one)
         size = next((size for size in (6, 4, 3) if _seen(self._window(one.of, one.first, size), None)), 0)
         like = _seen(self._window(one.of, one.first, size), None) if size else ""
         named = self._named(one.of, one.first, size)
         return f"{fault}" + (f"; {named} look like {like}" if like and like != one.representation else "")
+
+    def _is_part(self, one: Rotation) -> str:
+        """Return of which longer rotation numbers are a part, "" if of none."""
+        places, (start, stop) = self.places[one.of], (one.numbers.start, one.numbers.stop)
+        for size in (size for size in (6, 4) if size > stop - start):
+            for first in range(max(0, stop - size), min(start, len(places) - size) + 1):
+                like = _seen(self._window(one.of, first, size), None)
+                if like and places[first][0] == places[first + size - 1][0]:
+                    return f"they are a part of {self._named(one.of, first, size)}, which look like {like}"
+        return ""
 
     def _window(self, of: Of, first: int, size: int) -> Floats:
         return self.rows[of][:, first : first + size]

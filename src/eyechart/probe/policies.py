@@ -403,7 +403,8 @@ def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]],
     size = max(_apart(alone, shared) for alone, shared in known)
     if size <= ROUNDING * whole:
         return PolicyCheck("batch", True, "two frames in a batch get the answers that each gets alone")
-    words = f"in a batch its answers differ from those alone by {size / whole:.2g} of what two frames differ by"
+    words = "in a batch its answers differ from those alone"
+    words += f" by {size / whole:.2g} of what two frames differ by" if whole else ", which are the same for two frames"
     if whole and size <= _ALIKE * whole:
         return PolicyCheck("batch", True, f"{words}, which a run takes for equal")
     return PolicyCheck("batch", False, f"{words}: are they in the order of the queries, and without regard to others?")

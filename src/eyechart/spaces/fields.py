@@ -332,10 +332,18 @@ def require_fields(fields: Sequence[AnswerField]) -> None:
     """Raise SpecError for no fields, for equal names or places, or if words are to hold several."""
     if not fields:
         raise SpecError("[answer] has no fields; declare at least one")
-    for what, given in (("name", [one.name for one in fields]), ("key", [one.key for one in fields])):
+    places: dict[str, list[str | None]] = {
+        "name": [one.name for one in fields],
+        "key": [one.key for one in fields],
+        "pattern": [one.pattern for one in fields],
+    }
+    for what, given in places.items():
         named = [one for one in given if one is not None]
         if len(set(named)) != len(named):
             raise SpecError(f"[answer]: two fields have one {what}: {', '.join(named)}")
+    keys = [one.key for one in fields if one.key is not None]
+    if inside := next(((one, other) for one in keys for other in keys if other.startswith(f"{one}.")), None):
+        raise SpecError(f"[answer]: key '{inside[1]}' is inside '{inside[0]}', which is the value of another field")
     for one in fields:
         if len(fields) > 1 and one.key is None and one.pattern is None:
             raise SpecError(
@@ -351,15 +359,17 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
     """
     if len(text) > READ_AT_MOST:
         return FieldValues(None, "too_long", fields[0].name)
-    objects, rest = _objects(text) if any(one.key is not None for one in fields) else ((), text)
+    objects, around = _objects(text) if any(one.key is not None for one in fields) else ((), [text])
+    rest = "\n".join(around)
     values: list[Value] = []
     for one in fields:
         found = _field_in(text, one, objects, rest)
         if not isinstance(found, _NoFieldValue) and (
-            _names_other_unit(one, objects, alone=len(fields) == 1)
-            or _says_other_unit(one, rest, alone=len(fields) == 1)
+            _names_other_unit(one, objects, fields) or _says_other_unit(one, rest, fields)
         ):
             found = _NoFieldValue("other_unit")
+        if one.key is not None and _corrects(one, found, around[-1]):
+            found = _NoFieldValue("several_values")
         if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
         values.append(found)
@@ -447,6 +457,32 @@ def _says_more(field: AnswerField, leaf: str, rest: str) -> bool:
     return re.search(rf"(?<![\w.]){leaf}{_SAID}\s*[\"'`*]*(?:{value})(?!\w)", rest, re.IGNORECASE) is not None
 
 
+_CORRECTED = re.compile(
+    r"\b(?:actually|correction|on second thoughts?|scratch that|(?:sorry|wait)(?=\s*[,.:;!])"
+    r"|i (?:change|correct|revise))\b",
+    re.IGNORECASE,
+)
+_NUMBER_SAID = re.compile(rf"(?<![\w.,])(?<!\d[ -]){_NUMBER}(?![\w.,]*\d)")
+
+
+def _corrects(field: AnswerField, value: Value | _NoFieldValue, rest: str) -> bool:
+    """Return whether the words behind an object correct it, as "Wait, 2 m/s" or "Actually, right" does."""
+    for one in _CORRECTED.finditer(rest):
+        said = rest[one.end() : one.end() + _CORRECTS_WITHIN].partition("\n")[0].translate(_MINUS)
+        if field.kind == "name" and isinstance(value, str):
+            others = (name for name in field.values if name != value)
+            if any(re.search(rf"(?<!\w){re.escape(name)}(?!\w)", said, re.IGNORECASE) for name in others):
+                return True
+        for number in _NUMBER_SAID.finditer(said) if isinstance(value, float) else ():
+            behind = said[number.end() :]
+            if float(number[0]) != value and not _has_other_unit(field, behind, _UNITS.match(behind)):
+                return True
+    return False
+
+
+_CORRECTS_WITHIN = 60
+
+
 def _at(value: object, path: Sequence[str]) -> Iterator[object]:
     """Yield every value at a path of names."""
     if not path:
@@ -457,34 +493,83 @@ def _at(value: object, path: Sequence[str]) -> Iterator[object]:
                 yield from _at(inner, path[1:])
 
 
-def _names_other_unit(field: AnswerField, objects: Sequence[_JsonPairs], *, alone: bool) -> bool:
-    """Return whether an object names another unit beside a number, as ``"speed_unit": "km/h"``.
+def _names_other_unit(field: AnswerField, objects: Sequence[_JsonPairs], fields: Sequence[AnswerField]) -> bool:
+    """Return whether an object gives another unit than a number's: ``"speed_unit": "km/h"``, ``"speed_kmh": 18``.
 
-    ``"unit": "km/h"`` counts where the field is ``alone``: else it may be that of another.
+    ``"unit": "km/h"`` is another one if none of the ``fields`` is in it.
     """
     if field.key is None or field.kind != "number":
         return False
-    *path, leaf = field.key.split(".")
-    own = re.compile(rf"{re.escape(leaf)}[ _-]?units?" + ("|units?" if alone else ""), re.IGNORECASE)
-    beside = [pair for pairs in objects for parent in _at(pairs, path) for pair in _pairs(parent)]
-    listed = [pair for name, value in beside if name.casefold() in {"unit", "units"} for pair in _pairs(value)]
-    named = [value for name, value in beside if own.fullmatch(name)]
-    named += [value for name, value in listed if name == leaf]
-    return any(isinstance(one, str) and one.strip() not in {"", field.unit} for one in named)
+    path = field.key.split(".")
+    beside = [
+        pair for pairs in objects for depth in range(len(path)) for parent in _at(pairs, path[:depth])
+        for pair in _pairs(parent)
+    ]  # fmt: skip
+    leaf = path[-1].casefold()
+    declared = {one.key.split(".")[-1].casefold() for one in fields if one.key is not None}
+    others = (declared | {name.casefold() for name, _ in beside}) - {leaf}
+    further = [(name.casefold(), value) for name, value in beside if name.casefold() not in declared]
+    named = [one for name, value in further for one in _units_of(name, value, leaf, others)]
+    return any(
+        _unit_word(unit) not in (_allowed_units(field, fields) if of != leaf else {_unit_word(field.unit)})
+        for of, unit in named
+    )
 
 
-def _says_other_unit(field: AnswerField, rest: str, *, alone: bool) -> bool:
+def _allowed_units(field: AnswerField, fields: Sequence[AnswerField]) -> set[str]:
+    """Return the units of all fields, of which one that is said of no field must be."""
+    return {_unit_word(one.unit) for one in fields if one.unit} or {_unit_word(field.unit)}
+
+
+_UNIT_KEY = re.compile(r"(.*?)[ _-]*units?|units?[ _-]+(?:(?:of|for)[ _-]+)?(.+)")
+_APART = re.compile(r"\s*(?:[,;|&\n]|\band\b)\s*")
+_NO_UNITS = frozenset({"min", "in", "s", "h", "g"})
+"""Ends of keys that have other meanings: ``speed_min`` is a bound."""
+
+
+def _units_of(name: str, value: object, leaf: str, others: set[str]) -> Iterator[tuple[str, str]]:
+    """Yield the units that a name and its value give, each with the name that it is said of; "" for none."""
+    if name.startswith(leaf) and (unit := _unit_of_key(name[len(leaf) :])):
+        yield leaf, unit
+    found = _UNIT_KEY.fullmatch(name)
+    if found is None or found[2] not in {None, leaf}:
+        return
+    of = found[1] or found[2] or ""
+    inside = [(inner.casefold(), text) for inner, text in _pairs(value)]
+    if any(inner in {leaf, *others} for inner, _ in inside):
+        inside = [(inner, text) for inner, text in inside if inner == leaf]
+    given = inside or [(of, one) for one in (value if isinstance(value, list) else [value])]
+    for said, text in given:
+        if isinstance(text, str) and said not in others:
+            yield from ((said, one) for one in _APART.split(text.strip()) if one)
+
+
+def _unit_of_key(end: str) -> str:
+    """Return the unit that the end of a key is, as of ``speed_kmh`` or ``speed (m/s)``; "" for none."""
+    unit = re.sub(r"^[ _(\[-]*(?:in[ _-]+)?|[ )\]]+$", "", end)
+    if unit == end or unit in _NO_UNITS:
+        return ""
+    unit = re.sub(r"(?<=[a-z])_(?=[a-z])|(?<=^rad|^deg)p(?=s$)", "/", unit)
+    spelled_out = "m/s" if unit == "mps" else unit
+    return unit if _unit_at_start(spelled_out) == spelled_out else ""
+
+
+def _says_other_unit(field: AnswerField, rest: str, fields: Sequence[AnswerField]) -> bool:
     """Return whether the words around the objects give another unit, as in "(steer in degrees)".
 
-    "(in degrees)" counts where the field is ``alone``: else it may be of another.
+    "(in degrees)" is another one if none of the ``fields`` is in degrees.
     """
     if field.key is None or field.kind != "number" or not rest.strip():
         return False
     leaf = re.escape(field.key.split(".")[-1])
-    heads = [rf"(?<![\w.]){leaf}[\"'`*]{{0,3}}\s*{_UNIT_SAID}", *([_UNIT_ALONE] if alone else [])]
-    behind = (rest[found.end() :] for head in heads for found in re.finditer(head, rest, re.IGNORECASE))
-    own = _unit_word(field.unit)
-    return any(unit is not None and _unit_word(unit) != own for unit in map(_unit_at_start, behind))
+    heads = {rf"(?<![\w.]){leaf}[\"'`*]{{0,3}}\s*{_UNIT_SAID}": {_unit_word(field.unit)}}
+    if len(fields) == 1 or any(one.unit for one in fields):
+        heads[_UNIT_ALONE] = _allowed_units(field, fields)
+    return any(
+        (unit := _unit_at_start(rest[found.end() :])) is not None and _unit_word(unit) not in own
+        for head, own in heads.items()
+        for found in re.finditer(head, rest, re.IGNORECASE)
+    )
 
 
 def _unit_at_start(text: str) -> str | None:
@@ -513,8 +598,8 @@ def _pairs(value: object) -> Sequence[tuple[str, object]]:
     return value if isinstance(value, _JsonPairs) else ()
 
 
-def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
-    """Return the outermost objects of a text, JSON or Python, and the text around them."""
+def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], list[str]]:
+    """Return the outermost objects of a text, JSON or Python, and the texts around them."""
     found = list(json_objects(text, _JsonPairs))
     found += _python_objects(text, [(start, end) for start, end, _ in found])
     found.sort(key=lambda one: one[0])
@@ -523,7 +608,7 @@ def _objects(text: str) -> tuple[tuple[_JsonPairs, ...], str]:
         rest.append(text[end:start])
         end = behind
     meant = (pairs for start, _, pairs in found if _EXAMPLE.search(text, max(0, start - 40), start) is None)
-    return tuple(meant), "\n".join((*rest, text[end:]))
+    return tuple(meant), [*rest, text[end:]]
 
 
 _PYTHON = re.compile(r"\{(?:[^{}\"']++|\"(?:[^\"\\\n]|\\.)*+\"|'(?:[^'\\\n]|\\.)*+'){0,400}+\}")
@@ -600,7 +685,7 @@ def _cut(field: AnswerField, text: str, start: int, end: int) -> _NoFieldValue |
     unit = _UNITS.match(behind) if inner[-1].isdigit() else None
     if _is_denied(inner, before):
         return _NoFieldValue("no_answer")
-    if inner[-1].isdigit() and _has_other_unit(field, behind, unit):
+    if inner[-1].isdigit() and (_has_other_unit(field, behind, unit) or _is_under_other_unit(field, before)):
         return _NoFieldValue("other_unit")
     if _is_inside(inner, before, behind, followed=unit is not None):
         return _NoFieldValue("part_of_a_word")
@@ -617,9 +702,25 @@ def _is_denied(inner: str, before: str) -> bool:
 
 def _has_other_unit(field: AnswerField, behind: str, unit: re.Match[str] | None) -> bool:
     """Return whether a number is followed by another unit than the field's."""
-    if field.unit and re.match(rf"\s?{re.escape(field.unit)}(?![\w/])", behind):
+    if field.unit and re.match(rf"\s?{re.escape(field.unit)}(?![\w/^²])", behind):
         return _PER.match(behind, re.match(r"\s?", behind).end() + len(field.unit)) is not None  # type: ignore[union-attr]
+    said = _UNIT_BEHIND.match(behind)
+    apart = None if said is None else _unit_at_start(behind[said.end() :])
+    if apart is not None and _unit_word(apart) != _unit_word(field.unit):
+        return True
     return unit is not None or _FURTHER_UNITS.match(behind) is not None
+
+
+_UNIT_BEHIND = re.compile(r"\s*[(\[]\s*(?:in\s+)?|\s+in\s+")
+_UNIT_BEFORE = re.compile(r"(?:[(\[]\s*(?:in\s+)?|\bin\s+)([^\s()\[\]\d][^()\[\]\d]{0,30}?)\s*[)\]]?[\s:=*]*\Z")
+"""A unit with brackets, or with "in", behind a number and before it: "speed (km/h): 5"."""
+
+
+def _is_under_other_unit(field: AnswerField, before: str) -> bool:
+    """Return whether the words before a number give another unit, as in "speed (km/h): 5"."""
+    said = _UNIT_BEFORE.search(before, max(0, len(before) - 60))
+    unit = None if said is None else _unit_at_start(said[1])
+    return unit is not None and said is not None and unit == said[1] and _unit_word(unit) != _unit_word(field.unit)
 
 
 def _is_inside(inner: str, before: str, behind: str, *, followed: bool) -> bool:

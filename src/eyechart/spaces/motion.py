@@ -101,7 +101,7 @@ def _alone(given: object) -> object:
         if given and not arrays and all(isinstance(one, str) for one in given.values()):
             raise ValueError(_NAMED.format(f"a {type(given).__name__} of texts"))
         if len(arrays) != 1 or arrays[0] not in {"actions", "action"} or isinstance(given[arrays[0]], Mapping):
-            keys = printable(", ".join(map(repr, given))) or "none"
+            keys = printable(", ".join(_key(name, one) for name, one in given.items())) or "none"
             keys = keys if len(keys) <= _KEYS else f"{keys[:_KEYS]}…"
             own = f"a {type(given).__name__} is no array of numbers; its keys are {keys}"
             raise ValueError(f"{own}: {_ARRAY}, alone or as 'actions'; {_of_several(given, arrays)}")
@@ -113,6 +113,11 @@ def _alone(given: object) -> object:
             own = f"a {type(given).__name__} of {len(given)} ({parts}) is no array"
             raise ValueError(f"{own}; return the first alone, if it is the array (horizon, dimensions): [0]")
     return given
+
+
+def _key(name: object, value: object) -> str:
+    """Return a key in words, with the keys of the dict that it holds."""
+    return f"{name!r} (a dict of {', '.join(map(repr, value))})" if isinstance(value, Mapping) else repr(name)
 
 
 def _of_several(given: Mapping[object, object], arrays: Sequence[object]) -> str:

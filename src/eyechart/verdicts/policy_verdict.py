@@ -175,7 +175,8 @@ def judge_policy(
     if failed:
         nothing = AxisVerdict("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
     is_judged = not failed and guarded.label == HOLDS
-    remarks += _fails_on(asked.failing, is_judged=is_judged)
+    if "not_scorable" not in failed:  # else it fails on all kinds of pictures
+        remarks += _fails_on(asked.failing, is_judged=is_judged)
     if not is_judged:
         single = dict.fromkeys(names, nothing)
         return PolicyVerdict(model, nothing, single, nothing, nothing, failed, shares, scope, tuple(remarks))
