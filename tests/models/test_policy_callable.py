@@ -95,7 +95,7 @@ def test_one_array_under_the_name_of_actions_is_the_answer(monkeypatch: pytest.M
     [
         ({"actions": CHUNK, "action": CHUNK}, f"{KEYS} 'actions', 'action': return the array (horizon, dimensions)"),
         ({"actions": CHUNK, "state": np.zeros(3)}, f"{KEYS} 'actions', 'state': return the array"),
-        ({"actions": CHUNK, "info": {"state": [0.0]}}, f"{KEYS} 'actions', 'info' (a dict of 'state'): return the array"),
+        ({"actions": CHUNK, "info": {"state": [0.0]}}, f"{KEYS} 'actions', 'info' (a dict of 'state'): return"),
         ({"action.arm": CHUNK, "action.hand": CHUNK}, f"{KEYS} 'action.arm', 'action.hand': return"),
         ({"action": {"arm": CHUNK}}, f"{KEYS} 'action' (a dict of 'arm'): return"),
         ({"chunk": CHUNK}, f"{KEYS} 'chunk': return"),

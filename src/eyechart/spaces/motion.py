@@ -101,9 +101,7 @@ def _alone(given: object) -> object:
         if given and not arrays and all(isinstance(one, str) for one in given.values()):
             raise ValueError(_NAMED.format(f"a {type(given).__name__} of texts"))
         if len(arrays) != 1 or arrays[0] not in {"actions", "action"} or isinstance(given[arrays[0]], Mapping):
-            keys = printable(", ".join(_key(name, one) for name, one in given.items())) or "none"
-            keys = keys if len(keys) <= _KEYS else f"{keys[:_KEYS]}…"
-            own = f"a {type(given).__name__} is no array of numbers; its keys are {keys}"
+            own = f"a {type(given).__name__} is no array of numbers; its keys are {_keys(given)}"
             raise ValueError(f"{own}: {_ARRAY}, alone or as 'actions'; {_of_several(given, arrays)}")
         given = given[arrays[0]]
     if isinstance(given, list | tuple) and len(given) > 1:
@@ -113,6 +111,12 @@ def _alone(given: object) -> object:
             own = f"a {type(given).__name__} of {len(given)} ({parts}) is no array"
             raise ValueError(f"{own}; return the first alone, if it is the array (horizon, dimensions): [0]")
     return given
+
+
+def _keys(given: Mapping[object, object]) -> str:
+    """Return the keys of a dict in words."""
+    keys = printable(", ".join(_key(name, one) for name, one in given.items())) or "none"
+    return keys if len(keys) <= _KEYS else f"{keys[:_KEYS]}…"
 
 
 def _key(name: object, value: object) -> str:
