@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.frames import Frame, Gap, Provenance
 from eyechart.ledger import Attempts
+from eyechart.modes import made_elsewhere
 from eyechart.run import Plan
 from eyechart.spaces.space import UNPARSED, AnySpace, Decision
 from eyechart.verdicts import DECIDED
@@ -292,7 +293,10 @@ def read_answers(
 
 
 def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool = False, told: bool = False) -> Answers:
-    """Return what `read_answers` returns, from the attempts of a ledger, with the order of the calls."""
+    """Return what `read_answers` returns, from the attempts of a ledger, with the order of the calls.
+
+    Answers that were made elsewhere have none: their rows stand in the order of a file.
+    """
     asked, rows = frozenset(plan.asked(model)), attempts.last(model)
     shown = np.array([name in asked for name in attempts.names["condition"]], dtype=np.bool_)
     place = attempts.places(plan.places)[attempts.codes["frame"][rows]]
@@ -307,7 +311,7 @@ def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool 
         decisions[name] = tuple(table[column].tolist())
     finished = len(rows) - int(attempts.error(rows, UNFINISHED).sum())
     answers = _answers(model, plan, dict(sorted(decisions.items())), finished, independent=independent, told=told)
-    return replace(answers, sent=sent)
+    return answers if made_elsewhere(model) else replace(answers, sent=sent)
 
 
 def _answers(
