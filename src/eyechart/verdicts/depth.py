@@ -141,7 +141,7 @@ SHOWN: tuple[Clause, ...] = (
         "high",
         "<",
         0.0,
-        "that the picture before moves its braking less than half as much is not shown",
+        "that earlier pictures move its braking less than half as much is not shown",
         untested=True,
     ),
     compared(
