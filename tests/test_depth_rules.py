@@ -127,6 +127,15 @@ CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
         {"unparsed_controls": Statistic(0.1, 144, (0.05 + OVER, 0.2))},
         *OPEN,
     ),
+    "a vehicle beside hardly keeps it from braking": (
+        {"specificity_reversed": Statistic(-0.1, 144, (-0.2, BELOW))},
+        "depth",
+        "order",
+    ),
+    "a vehicle beside may keep it from braking": (
+        {"specificity_reversed": Statistic(-0.1, 144, (-0.2, 0.0))},
+        *OPEN,
+    ),
     "the picture before does less than half": (
         {"picture_before": Statistic(-0.1, 300, (-0.2, BELOW))},
         "depth",

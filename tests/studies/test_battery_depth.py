@@ -77,6 +77,26 @@ def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:
     assert "of the frames in `light`, where lanes is 4: 0 of 35 each;" in said
 
 
+def test_a_reader_that_a_near_neighbour_keeps_from_braking_earns_no_depth() -> None:
+    """It brakes by the lead's distance over that of the nearest other vehicle."""
+
+    def decide(sight: PerceivedPicture, _: random.Random) -> str:
+        if sight.reading is None:
+            return "STOP"
+        others = [math.hypot(one.ahead_m, one.aside_m) for one in sight.reading.others if one.aside_m]
+        ratio = (sight.reading.scene.gap_m or 76.0) / min([*others, 76.0])
+        return "STOP" if ratio < 0.8 else "SLOW" if ratio < 2 else "STRAIGHT"
+
+    world = make_world(SETTING, np.random.default_rng(21))
+    answers = asked(KnownController("relative", "", by_sight(decide), "", "", ""), world)
+    one = moved_of(answers).specificity(sign=-1)
+    assert one.ci is not None
+    assert one.ci[1] > 0
+    label, said = judged(answers)
+    assert label == "depth_associated"
+    assert said.endswith("that a near vehicle beside hardly keeps it from braking is not shown")
+
+
 def in_turn(share: float, coin: float, world: World, back: int = 0) -> Answers:
     """Return what a reader of a moving average answers, asked about all in one order; a picture has a share of it.
 

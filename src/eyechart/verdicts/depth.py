@@ -135,6 +135,14 @@ SHOWN: tuple[Clause, ...] = (
         _bound(f"specificity_{one}", "high", "<", BESIDE_CUT, f"{_BESIDE_OPEN} in the {one} third", untested=True)
         for one in THIRDS
     ),
+    _bound(
+        "specificity_reversed",
+        "high",
+        "<",
+        0.0,
+        "that a near vehicle beside hardly keeps it from braking is not shown",
+        untested=True,
+    ),
     _bound("order", "high", "<", ORDER_CUT, "that few comparisons come out the wrong way round is not shown"),
     _bound(
         "picture_before",

@@ -89,6 +89,7 @@ MOST_OF_COLUMN = 12
 
 NAMES = (
     *("holes", "place_open", "place_reversed", "place_beside", "sensitivity", "specificity"),
+    "specificity_reversed",
     *(f"specificity_{name}" for name in THIRDS),
     "order",
     *(f"order_{kind}" for kind in KINDS),
@@ -145,6 +146,7 @@ class BrakingLevels:
             "place_beside": self._beside,
             "sensitivity": lambda: rest().sensitivity(),
             "specificity": lambda: rest().specificity(),
+            "specificity_reversed": lambda: rest().specificity(sign=-1),
             **{f"specificity_{name}": partial(self._specificity_of, name) for name in THIRDS},
             "order": lambda: rest().order(),
             **{f"order_{kind}": partial(lambda kind: rest().order(kind), kind) for kind in KINDS},
@@ -183,11 +185,15 @@ class BrakingLevels:
         apart = self.level("exchange_apart")
         return self.level("exchange_own") - apart, self.level(BESIDE) - apart
 
-    def specificity(self, which: Mask | None = None, fewest: int = LEAST_EPISODES) -> Statistic:
-        """Return Q: the effect of a vehicle beside, less half the lead's at that distance."""
+    def specificity(self, which: Mask | None = None, fewest: int = LEAST_EPISODES, sign: int = 1) -> Statistic:
+        """Return Q: the effect of a vehicle beside, less half the lead's at that distance.
+
+        With the ``sign`` -1 it is how much less hard it brakes for one, less that half.
+        """
         own, beside = self._against()
-        statistic = mean_of_frames(_only(beside - own / 2, which), self.episodes, fewest=fewest)
-        return replace(statistic, method=f"effect of a neighbour less half of that of the lead: {statistic.method}")
+        statistic = mean_of_frames(_only(sign * beside - own / 2, which), self.episodes, fewest=fewest)
+        effect = "effect" if sign > 0 else "effect the other way"
+        return replace(statistic, method=f"{effect} of a neighbour less half of that of the lead: {statistic.method}")
 
     @cached_property
     def edges(self) -> Floats | None:
