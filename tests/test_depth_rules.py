@@ -399,7 +399,6 @@ OPEN_KIND = {"order_near_far": _order(0.05, 0.0, 0.3)}
         ),
         ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "depth", 2, "more frames"),
         ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "looks", 0, "depth_associated"),
-        (A_HOLE | FEW_OUTSIDE, "depth", 1, f"does not answer: {HOLE.where}: {HOLE.harder} of {HOLE.frames}"),
         (A_HOLE | FEW_OUTSIDE, "depth", 1, f"than for the far one, but hardly {HOLE.where}: {HOLE.harder} of"),
         (A_HOLE | FEW_OUTSIDE, "depth", 1, "; that it does so on enough frames to matter is not shown (too few)"),
     ],

@@ -24,7 +24,7 @@ from eyechart.verdicts import (
 )
 from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
-from eyechart.verdicts.depth import is_refuted, named
+from eyechart.verdicts.depth import is_refuted
 from eyechart.verdicts.labels import LOOKS, UseLabel, meets
 from eyechart.verdicts.policy_verdict import AXES, PolicyVerdict
 from eyechart.verdicts.policy_verdict import REQUIREMENTS as OF_POLICIES
@@ -391,7 +391,7 @@ def _not_depth(verdict: Verdict, statistics: Mapping[str, Statistic], because: s
     """Return the outcome of a label below depth for a gate that requires depth."""
     label = LABELS[verdict.calibrated.label]
     if verdict.holes:
-        return False, f"{because}; does not answer: {named(verdict.holes)}"
+        return False, because
     if label.otherwise == "cannot say" or verdict.evidence == "none":
         settle = "" if verdict.why_not is None else f"; {verdict.why_not.settled_by}"
         return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"
