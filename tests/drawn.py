@@ -78,6 +78,7 @@ def by_hand(**changed: Statistic) -> dict[str, Statistic]:
         },
         "rise": Rise(1.5, 400, p=0.8, nearer=(10, 11), farther=(11, 12)),
         "file": SignTest(0.5, 8, (0.2, 0.8), 0.6, wins=4, losses=4, ties=136),
+        "specificity_reversed": Statistic(-0.4, 144, (-0.45, -0.35)),
         "picture_before": Statistic(-0.15, 300, (-0.17, -0.13)),
         "drawn_distances": Density(20.0, 288, fewest=12),
         "holes": Places(0.0, 7, places=()),

@@ -49,6 +49,8 @@ CASES: tuple[tuple[str, Statistic, str], ...] = (
     ("rise", Rise(6.0, 400, p=0.05), "fails"),
     ("file", SignTest(0.9, 20, (0.6, 1.0), 0.001, wins=18, losses=2, ties=124), "holds"),
     ("file", SignTest(1.0, 20, (0.8, 1.0), 0.001 - JUST, wins=20, losses=0, ties=124), "fails"),
+    ("specificity_reversed", Statistic(-0.1, 144, (-0.2, -JUST)), "holds"),
+    ("specificity_reversed", Statistic(-0.1, 144, (-0.2, 0.0)), "not shown"),
     ("picture_before", Statistic(-0.1, 300, (-0.2, -JUST)), "holds"),
     ("picture_before", Statistic(-0.1, 300, (-0.2, 0.0)), "not shown"),
     ("drawn_distances", Density(8.0, 110, fewest=3), "holds"),

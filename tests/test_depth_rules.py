@@ -127,6 +127,15 @@ CASES: dict[str, tuple[dict[str, Statistic], str, str]] = {
         {"unparsed_controls": Statistic(0.1, 144, (0.05 + OVER, 0.2))},
         *OPEN,
     ),
+    "a vehicle beside hardly keeps it from braking": (
+        {"specificity_reversed": Statistic(-0.1, 144, (-0.2, BELOW))},
+        "depth",
+        "order",
+    ),
+    "a vehicle beside may keep it from braking": (
+        {"specificity_reversed": Statistic(-0.1, 144, (-0.2, 0.0))},
+        *OPEN,
+    ),
     "the picture before does less than half": (
         {"picture_before": Statistic(-0.1, 300, (-0.2, BELOW))},
         "depth",
@@ -230,6 +239,16 @@ def test_without_pictures_along_the_range_it_says_how_far_was_tested() -> None:
     ruling = ruled(**silent, drawn_distances=not_available("beyond 9 m"))
     assert ruling.label == "depth_associated"
     assert "not tested beyond 9 m" in str(ruling.reason)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_depth_whose_order_of_calls_is_not_known_says_so(*, known: bool) -> None:
+    """It neither passes in silence nor is denied; a number that was tested says nothing."""
+    one = Statistic(-0.1, 300, (-0.2, -0.05)) if known else not_available("the order is not known")
+    verdict = Run(picture_before=one).verdict
+    assert verdict.calibrated.label == "depth"
+    said = "whether earlier pictures move its braking was not tested, and depth does not say: the order is not known"
+    assert (said in verdict.notes) is not known
 
 
 def test_what_is_refuted_is_no_matter_of_more_frames() -> None:
@@ -350,6 +369,7 @@ class Run:
         return judge_one(self._evidence)
 
 
+FEW_OUTSIDE = {"sensitivity": Statistic(1.0, 36, note="too few")}
 A_HOLE = {"holes": Places(1.0, 7, places=(HOLE,))}
 A_RISE = Rise(4.0, 400, p=0.01, nearer=(13.0, 16.0), farther=(16.5, 19.0))
 OPEN_KIND = {"order_near_far": _order(0.05, 0.0, 0.3)}
@@ -379,6 +399,8 @@ OPEN_KIND = {"order_near_far": _order(0.05, 0.0, 0.3)}
         ),
         ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "depth", 2, "more frames"),
         ({"sensitivity": Statistic(0.2, 20, (0.0, 0.4))}, "looks", 0, "depth_associated"),
+        (A_HOLE | FEW_OUTSIDE, "depth", 1, f"than for the far one, but hardly {HOLE.where}: {HOLE.harder} of"),
+        (A_HOLE | FEW_OUTSIDE, "depth", 1, "; that it does so on enough frames to matter is not shown (too few)"),
     ],
 )
 def test_a_gate_reads_the_label_and_what_is_not_excluded(

@@ -390,6 +390,8 @@ def _sideways(requirement: str, lateral: Ruling) -> tuple[bool | None, str]:
 def _not_depth(verdict: Verdict, statistics: Mapping[str, Statistic], because: str) -> tuple[bool | None, str]:
     """Return the outcome of a label below depth for a gate that requires depth."""
     label = LABELS[verdict.calibrated.label]
+    if verdict.holes:
+        return False, because
     if label.otherwise == "cannot say" or verdict.evidence == "none":
         settle = "" if verdict.why_not is None else f"; {verdict.why_not.settled_by}"
         return None, f"{because} (evidence on distance: {verdict.evidence}){settle}"

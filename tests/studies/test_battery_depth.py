@@ -75,14 +75,36 @@ def test_a_count_of_lanes_without_braking_is_named(world: World) -> None:
     """What the bank records of its frames is a place; a scenario that is nothing else is named too."""
     label, said = judged(asked(_reader_but(4), world))
     assert label == "partial_depth"
-    assert "in `light`, where lanes is 4: 0 of 35 each;" in said
+    assert "of the frames in `light`, where lanes is 4: 0 of 35 each;" in said
 
 
-def in_turn(share: float, coin: float, world: World) -> Answers:
+def test_a_reader_that_a_near_neighbour_keeps_from_braking_earns_no_depth() -> None:
+    """It brakes by the lead's distance over that of the nearest other vehicle."""
+
+    def decide(sight: PerceivedPicture, _: random.Random) -> str:
+        if sight.reading is None:
+            return "STOP"
+        others = [math.hypot(one.ahead_m, one.aside_m) for one in sight.reading.others if one.aside_m]
+        ratio = (sight.reading.scene.gap_m or 76.0) / min([*others, 76.0])
+        return "STOP" if ratio < 0.8 else "SLOW" if ratio < 2 else "STRAIGHT"
+
+    world = make_world(SETTING, np.random.default_rng(21))
+    answers = asked(KnownController("relative", "", by_sight(decide), "", "", ""), world)
+    one = moved_of(answers).specificity(sign=-1)
+    assert one.ci is not None
+    assert one.ci[1] > 0
+    label, said = judged(answers)
+    assert label == "depth_associated"
+    assert said.endswith("that a near vehicle beside hardly keeps it from braking is not shown")
+
+
+def in_turn(share: float, coin: float, world: World, back: int = 0) -> Answers:
     """Return what a reader of a moving average answers, asked about all in one order; a picture has a share of it.
 
-    The mean is of the logarithms of distances. A part of the answers is a coin.
+    The mean is of the logarithms of distances. A part of the answers is a coin. One that looks ``back`` mixes its
+    picture with the one alone that was shown so many calls before.
     """
+    seen = [3.0] * back
     rng, mean = random.Random(5), [3.0]  # noqa: S311 - no secret
     calls = [(name, place) for name, column in world.shown.items() for place, one in enumerate(column) if one]
     rng.shuffle(calls)
@@ -93,7 +115,10 @@ def in_turn(share: float, coin: float, world: World) -> Answers:
         reading = shown.sight.reading if shown else None
         said = "STOP"
         if reading is not None:
-            mean[0] += share * (math.log(min(reading.scene.gap_m or 80.0, 80.0)) - mean[0])
+            shown_m = math.log(min(reading.scene.gap_m or 80.0, 80.0))
+            seen.append(shown_m)
+            mean[0] = seen[-1 - back] if back else mean[0]
+            mean[0] += share * (shown_m - mean[0])
             far = math.exp(mean[0])
             said = "STOP" if far < 13 else "SLOW" if far < 40 else "STRAIGHT"
         said = rng.choice(("STOP", "SLOW", "STRAIGHT")) if rng.random() < coin else said
@@ -107,7 +132,7 @@ def picture_before(answers: Answers) -> Statistic:
     return moved_of(answers).picture_before()
 
 
-MEMORY = "that the picture before moves its braking less than half as much is not shown"
+MEMORY = "that earlier pictures move its braking less than half as much is not shown"
 
 
 @pytest.mark.parametrize(("share", "coin", "label"), [(1, 0, "depth"), (1, 0.1, "depth"), (0.8, 0, "depth")])
@@ -128,10 +153,21 @@ def test_who_answers_to_the_picture_before_as_well_earns_no_depth(share: float, 
     one = picture_before(answers)
     assert one.ci is not None
     assert one.ci[1] > 0
-    assert judged(answers) == ("depth_associated", f"{NEAR_FAR}; {MEMORY}")
+    assert judged(answers) == ("depth_associated", f"it brakes harder for the near lead than for the far one; {MEMORY}")
     unknown = replace(answers, sent={})
     assert picture_before(unknown).value is None
     assert judged(unknown)[0] == "depth"
+
+
+@pytest.mark.parametrize("back", [2, 3])
+def test_a_memory_of_a_picture_further_back_earns_no_depth(back: int, world: World) -> None:
+    """What skips the last picture is a memory too, and the number says how far back it lies."""
+    answers = in_turn(0.5, 0.0, world, back)
+    one = picture_before(answers)
+    assert one.ci is not None
+    assert one.ci[1] > 0
+    assert one.note == f"{back} calls earlier"
+    assert judged(answers)[0] == "depth_associated"
 
 
 @pytest.mark.parametrize(("share", "coin"), [(1, 0.0), (1, 0.4), (0.5, 0.0)])
@@ -140,7 +176,9 @@ def test_noise_is_no_memory(share: float, coin: float, world: World) -> None:
     moved = moved_of(in_turn(share, coin, world))
     value, rng = moved.picture_before().value, np.random.default_rng(1)
     others = [
-        replace(moved, before={name: rng.permutation(at) for name, at in moved.before.items()}).picture_before().value
+        replace(moved, before={name: rng.permutation(at, axis=1) for name, at in moved.before.items()})
+        .picture_before()
+        .value
         for _ in range(40)
     ]
     apart = abs(value - np.mean(others))

@@ -201,6 +201,6 @@ def test_memory_earns_no_depth_in_a_real_run(
     assert verdict.calibrated.label == label
     assert not score.evidence()[spec].unfinished
     if label != "depth":
-        assert "that the picture before moves its braking less than half as much is not" in verdict.calibrated.because
+        assert "that earlier pictures move its braking less than half as much is not" in verdict.calibrated.because
         assert verdict.why_not is not None
         assert verdict.why_not.settle == "an answer to each picture of its own: no memory of earlier calls"

@@ -53,7 +53,7 @@ NEAR_FAR = "it brakes harder for the near lead than for the far one"
 
 def _bound(name: str, reads: str, holds: str, threshold: float, but: str, **more: object) -> Clause:
     """Return the condition that a bound reaches what depth needs."""
-    return compared(name, reads, holds, threshold, but=but, conditions=STAGE, unasked="not tested", **more)
+    return compared(name, reads, holds, threshold, but=but, conditions=STAGE, unasked=f"{but} ({{note}})", **more)
 
 
 def _either(name: str, but: str, *readings: tuple[str, str, float]) -> Clause:
@@ -135,13 +135,21 @@ SHOWN: tuple[Clause, ...] = (
         _bound(f"specificity_{one}", "high", "<", BESIDE_CUT, f"{_BESIDE_OPEN} in the {one} third", untested=True)
         for one in THIRDS
     ),
+    _bound(
+        "specificity_reversed",
+        "high",
+        "<",
+        0.0,
+        "that a near vehicle beside hardly keeps it from braking is not shown",
+        untested=True,
+    ),
     _bound("order", "high", "<", ORDER_CUT, "that few comparisons come out the wrong way round is not shown"),
     _bound(
         "picture_before",
         "high",
         "<",
         0.0,
-        "that the picture before moves its braking less than half as much is not shown",
+        "that earlier pictures move its braking less than half as much is not shown",
         untested=True,
     ),
     compared(
@@ -325,6 +333,7 @@ def _steepest(one: Statistic) -> str:
 WORDS.update(
     bound=lambda found, _: bound(found),
     where=lambda found, _: named(holes(found)),
+    hardly=lambda found, _: f", but hardly {named(holes(found))}" if "holes" in found and holes(found) else "",
     tenths=lambda found, name: f"{found[name].value:.1f}",
 )
 DEPTH = Rule("depth", "order", (MOVED, *_HOLDS, _NO_HOLES, NO_OPEN_PLACE), f"{HARDER}, {{bound}}")
@@ -345,6 +354,12 @@ RULES: tuple[Rule, ...] = (
         (MOVED, *_HOLDS, _HOLES),
         f"its braking answers to the lead on less than {MARGIN} of the frames {{where}}; elsewhere {HARDER}, {{bound}}",
     ),
-    Rule("depth_associated", "depth_interventional", (MOVED, UNFOLLOWED), f"{NEAR_FAR}; {{but}}", open_to=UNSHOWN),
+    Rule(
+        "depth_associated",
+        "depth_interventional",
+        (MOVED, UNFOLLOWED),
+        f"{NEAR_FAR}{{hardly}}; {{but}}",
+        open_to=UNSHOWN,
+    ),
 )
 """The rules of a model that brakes harder for the nearer lead, in their order."""

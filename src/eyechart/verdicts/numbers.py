@@ -33,7 +33,8 @@ ASKS: Mapping[str, str] = {
 BESIDE: Mapping[str, str] = {
     "place_reversed": "how much less hard it brakes for the nearer lead, in the place where that is surest",
     "place_beside": "specificity, in the place where it is surest that a vehicle beside matters",
-    "picture_before": "what the lead of the picture before does to its braking, less half of what the own lead does",
+    "specificity_reversed": "how much less hard it brakes for a vehicle beside, less half of what the lead does",
+    "picture_before": "what the lead of any of 8 pictures before does to its braking, less half of what the own does",
     "drawn_distances": "how many drawn distances a window a factor of 1.2 wide holds, on average and at fewest",
     "unparsed_controls": "replies to edited pictures that hold no decision",
 }

@@ -230,6 +230,8 @@ def judge_one(evidence: Evidence) -> Verdict:
 
 _BY_DISTANCE = ("depth", "depth_lateral", "partial_depth", "depth_associated")
 """The labels beside which holes are named, and what is not excluded."""
+_WITHOUT_MEMORY = ("depth", "depth_lateral", "partial_depth")
+"""Of these the labels that say that the picture before does less than the own one, where that was tested."""
 
 
 def _trust(label: str, lateral: Ruling, beware: str, not_excluded: Collection[str]) -> str:
@@ -351,6 +353,10 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
             need = episodes_needed(evidence.scenarios, alpha=ALPHA)
             said.append(f"{need} episodes in each scenario, or counterfactual pictures, would test it")
     said += _turns(found)
+    if label in _WITHOUT_MEMORY and is_drawn(found) and (before := found["picture_before"]).ci is None:
+        said.append(
+            f"whether earlier pictures move its braking was not tested, and {label} does not say: {before.note}"
+        )
     if found["bound_scene"].p is None:
         said.append("whether a picture of another scenario changes its answer was not tested")
     moves = any(not set(many) & set(evidence.absent) for many in (EXCHANGE, STAGE))

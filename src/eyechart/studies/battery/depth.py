@@ -77,6 +77,9 @@ THIRDS = ("near", "middle", "far")
 WINDOW = 1.2
 """The width of a hole in the range, as a factor of distance."""
 
+EARLIER = 8
+"""So many pictures before each are held against its own: as many calls as are open at once by default."""
+
 FEWEST_OF_PLACE = 8
 """A part of the bank with fewer frames is no place."""
 IDLE = 0.02
@@ -86,6 +89,7 @@ MOST_OF_COLUMN = 12
 
 NAMES = (
     *("holes", "place_open", "place_reversed", "place_beside", "sensitivity", "specificity"),
+    "specificity_reversed",
     *(f"specificity_{name}" for name in THIRDS),
     "order",
     *(f"order_{kind}" for kind in KINDS),
@@ -120,8 +124,9 @@ class BrakingLevels:
 
     ``levels`` maps a condition, and ``at`` a name of `TWICE`, to arrays of shape (frames,), NaN
     where there is no value. ``episodes`` and each of ``strata`` give a frame's group. ``seed`` is
-    that of the orders for the rise. ``before`` maps a condition to the lead's distance in the
-    picture that was sent before each of its own, NaN where that is unknown.
+    that of the orders for the rise. ``before`` maps a condition to the lead's distances in the
+    pictures that were sent before each of its own. It has the shape (EARLIER, frames), the last
+    picture first, and NaN where a distance is unknown.
     """
 
     levels: Mapping[str, Floats]
@@ -141,6 +146,7 @@ class BrakingLevels:
             "place_beside": self._beside,
             "sensitivity": lambda: rest().sensitivity(),
             "specificity": lambda: rest().specificity(),
+            "specificity_reversed": lambda: rest().specificity(sign=-1),
             **{f"specificity_{name}": partial(self._specificity_of, name) for name in THIRDS},
             "order": lambda: rest().order(),
             **{f"order_{kind}": partial(lambda kind: rest().order(kind), kind) for kind in KINDS},
@@ -179,11 +185,15 @@ class BrakingLevels:
         apart = self.level("exchange_apart")
         return self.level("exchange_own") - apart, self.level(BESIDE) - apart
 
-    def specificity(self, which: Mask | None = None, fewest: int = LEAST_EPISODES) -> Statistic:
-        """Return Q: the effect of a vehicle beside, less half the lead's at that distance."""
+    def specificity(self, which: Mask | None = None, fewest: int = LEAST_EPISODES, sign: int = 1) -> Statistic:
+        """Return Q: the effect of a vehicle beside, less half the lead's at that distance.
+
+        With the ``sign`` -1 it is how much less hard it brakes for one, less that half.
+        """
         own, beside = self._against()
-        statistic = mean_of_frames(_only(beside - own / 2, which), self.episodes, fewest=fewest)
-        return replace(statistic, method=f"effect of a neighbour less half of that of the lead: {statistic.method}")
+        statistic = mean_of_frames(_only(sign * beside - own / 2, which), self.episodes, fewest=fewest)
+        effect = "effect" if sign > 0 else "effect the other way"
+        return replace(statistic, method=f"{effect} of a neighbour less half of that of the lead: {statistic.method}")
 
     @cached_property
     def edges(self) -> Floats | None:
@@ -247,29 +257,38 @@ class BrakingLevels:
         return replace(test, method=f"{what}: {test.method}")
 
     def picture_before(self) -> Statistic:
-        """Return the effect of the lead in the picture before, less half that of the own lead.
+        """Return the effect of the lead in a picture before, less half that of the own lead.
 
         Each effect is the slope of the braking level by the logarithm of the distance: how much
         less hard it brakes if the lead is twice as far. The first compares two answers to one
         picture by what was sent before each. So neither what a picture shows nor the noise of a
-        call enters it, whatever the order of the calls.
+        call enters it, whatever the order of the calls. Of `EARLIER` pictures the one counts whose
+        upper end is highest, so that this end bounds each of them.
         """
         what = (
-            "effect of the lead in the picture before less half of that of the own lead, per doubling of the distance"
+            f"effect of the lead in one of {EARLIER} pictures before less half of that of the own lead, "
+            "per doubling of the distance"
         )
-        nothing = np.full(len(self.episodes), np.nan)
-        before = [[self.before.get(name, nothing) for name in TWICE[one]] for one in SHOWN_TWICE]
-        earlier = [_slope(self.twice(one), at) for one, at in zip(SHOWN_TWICE, before, strict=True)]
-        own = [
+        own = sum(
             _slope([self.twice(name).mean(axis=0) for name in pair], [self.distance(name) for name in pair])
             for pairs in KINDS.values()
             for pair in pairs
-        ]
-        statistic = excess_over_half(sum(earlier), sum(own), self.episodes)
-        if statistic.value is None:
+        )
+        found = [one for one in (self._before(turns, own) for turns in range(EARLIER)) if one.value is not None]
+        if not found:
             return not_available("the order of its calls, or the distances in them, are not known", method=what)
+        worst = max(found, key=lambda one: (one.ci is None, one.ci[1] if one.ci else one.value or 0.0))
+        return replace(worst, method=f"{what}: {worst.method}")
+
+    def _before(self, turns: int, own: Floats | int) -> Statistic:
+        """Return the number of the picture that so many turns lie between; n counts pairs of answers."""
+        nothing = np.full((EARLIER, len(self.episodes)), np.nan)
+        before = [[self.before.get(name, nothing)[turns] for name in TWICE[one]] for one in SHOWN_TWICE]
+        earlier = [_slope(self.twice(one), at) for one, at in zip(SHOWN_TWICE, before, strict=True)]
+        statistic = excess_over_half(sum(earlier), own, self.episodes)
+        place = "the last one" if turns == 0 else f"{turns + 1} calls earlier"
         n = sum(int(np.count_nonzero(one[1])) for one in earlier)
-        return replace(statistic, n=n, method=f"{what}: {statistic.method}")
+        return statistic if statistic.value is None else replace(statistic, n=n, note=statistic.note or place)
 
     def drawn(self) -> Statistic:
         """Return how densely the answered pictures show the lead along its range."""
@@ -471,12 +490,13 @@ def moved_of(answers: Answers) -> BrakingLevels:
 
 
 def _before(sent: Mapping[str, Codes], at: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return by condition the lead's distance in the picture that was sent before each of its own."""
+    """Return by condition the lead's distances in the pictures that were sent before each of its own."""
     shown = np.full(1 + max((int(turns.max()) for turns in sent.values() if len(turns)), default=0), np.nan)
     for name, turns in sent.items():
         if picture := PICTURE_OF.get(name):
             shown[turns[turns >= 0]] = at[picture][turns >= 0]
-    return {name: np.where(turns > 0, shown[np.maximum(turns, 1) - 1], np.nan) for name, turns in sent.items()}
+    back = np.arange(1, EARLIER + 1)[:, None]
+    return {name: np.where(turns >= back, shown[np.maximum(turns - back, 0)], np.nan) for name, turns in sent.items()}
 
 
 def _strata(answers: Answers) -> dict[str, Symbols]:
