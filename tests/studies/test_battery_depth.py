@@ -22,7 +22,6 @@ from eyechart.studies.battery.calibrated_statistics import CalibratedTests, Lazy
 from eyechart.studies.battery.depth import moved_of
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.verdicts import calibrated_rules
-from eyechart.verdicts.depth import NEAR_FAR
 from eyechart_organisms.calibration.known_answers import KNOWN, KnownController, by_sight
 from eyechart_organisms.calibration.replication import answers_of, staged
 from eyechart_organisms.calibration.world import SETTINGS, SimulatedView, World, make_world
