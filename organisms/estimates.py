@@ -30,8 +30,8 @@ _SHORT = (
 def say(step: int, *, left: bool, right: bool) -> str:
     """Return the estimate for a step of the gap and the clear sides."""
     flags = {"close": step < CLOSE_STEPS, "left_clear": left, "right_clear": right}
-    told = ", ".join(f'"{name}": {str(value).lower()}' for name, value in flags.items())
-    return f' {{"lead_gap_m": {TOLD[step]}, {told}, "confidence": 0.9}}'
+    fields = ", ".join(f'"{name}": {str(value).lower()}' for name, value in flags.items())
+    return f' {{"lead_gap_m": {TOLD[step]}, {fields}, "confidence": 0.9}}'
 
 
 _SIDES_CLEAR = ((False, False), (False, True), (True, False), (True, True))

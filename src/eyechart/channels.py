@@ -209,7 +209,7 @@ def partner_place(frame: Frame, source: Source, base: str, channel: str) -> int:
     )
 
 
-def told(fields: Mapping[str, object]) -> tuple[object, ...]:
+def instruction_key(fields: Mapping[str, object]) -> tuple[object, ...]:
     """Return the texts without differences in case, spaces and punctuation.
 
     It cannot recognise two texts of one meaning: "reach red" and "go to the red one" stay
@@ -408,7 +408,7 @@ def _partners(same: _FrameKeys, how: str, channel: str) -> Places:
         return near_partners(episodes, states, _partners(same, "matched", channel), seen)
     values: dict[str, Sequence[object]] = {
         STATE: [tuple(frame.state.items()) for frame in frames],
-        INSTRUCTION: [told(frame.fields) for frame in frames],
+        INSTRUCTION: [instruction_key(frame.fields) for frame in frames],
     }
     seed = key_seed("partners", channel, *(frame.id for frame in frames))
     return balanced_partners(episodes, values.get(channel, seen), seed=seed)

@@ -475,13 +475,13 @@ class _Repeats:
         same = (said.text[one] == said.text[other]) & (said.reasoning[one] == said.reasoning[other])
         seconds = np.nan_to_num(attempts.real.get("seconds", np.zeros(len(attempts.call))))
         acted = np.array([decision.action is not None for decision in attempts.decisions], dtype=np.bool_)
-        told, again = attempts.decision[first], attempts.decision[then]
-        decided = acted[told] & acted[again] if alone is not None else np.zeros(len(told), dtype=np.bool_)
+        answers, again = attempts.decision[first], attempts.decision[then]
+        decided = acted[answers] & acted[again] if alone is not None else np.zeros(len(answers), dtype=np.bool_)
         found = {
             "pairs": same | True,
             "same": same,
             "decided": decided,
-            "alike": decided & (told == again),
+            "alike": decided & (answers == again),
             "sudden": same & (seconds[then] < SUDDEN * seconds[first]),
         }
         return cls(alone, {name: int(where.sum()) for name, where in found.items()})

@@ -70,8 +70,8 @@ class Usage(JsonRecord):
 
 def _sum(counts: Iterable[int | None]) -> int | None:
     """Return the sum of the reported counts, None without one."""
-    told = [count for count in counts if count is not None]
-    return sum(told) if told else None
+    known = [count for count in counts if count is not None]
+    return sum(known) if known else None
 
 
 NOTHING = Usage()

@@ -129,8 +129,8 @@ class Manifest:
         modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
         for name in self.GROWS:
             grown[name] = tuple(dict.fromkeys([*getattr(self, name), *getattr(other, name)]))
-        told = {spec: more for spec, more in other.facts.items() if spec not in older}
-        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in told.items()}
+        added = {spec: more for spec, more in other.facts.items() if spec not in older}
+        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in added.items()}
         who = {spec: version for spec, version in now.items() if spec not in older}
         for name, more in ((self.WHO, who), ("modes", modes), ("facts", facts), ("probes", other.probes)):
             grown[name] = {**getattr(self, name), **more}

@@ -292,12 +292,12 @@ def _counted(entries: Sequence[Entry]) -> str:
     judged = _newest(entries)
     for (_, kind), mine in judged.items():
         kinds.setdefault(kind, []).append(mine[-1].found.answer or _OF_TONE[_tone(mine[-1])])
-    told = []
+    parts = []
     for (yes, whom), answers in kinds.items():
         counts = ", ".join(
             f"{answers.count(answer)} {words}" for answer, words in _ANSWERS.items() if answer in answers
         )
-        told.append(f"{yes}: {counts}, of {counted(len(answers), whom)}")
+        parts.append(f"{yes}: {counts}, of {counted(len(answers), whom)}")
     models = {entry.model for entry in entries if entry.model}
     without = len(models - {model for model, _ in judged})
     unread = len({entry.run for entry in entries if entry.found.label == UNREAD})
@@ -309,7 +309,7 @@ def _counted(entries: Sequence[Entry]) -> str:
         ),
         *([f"{counted(unread, 'run')} cannot be scored"] if unread else []),
     ]
-    first = f"By the newest verdicts, {'; '.join(told)}." if told else "No run here has a verdict on a model."
+    first = f"By the newest verdicts, {'; '.join(parts)}." if parts else "No run here has a verdict on a model."
     return " ".join([first, *(f"{words}." for words in tail)])
 
 
@@ -389,13 +389,13 @@ def history_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None
     for (model, _), mine in kinds.items():
         if len(mine) < 2:
             continue
-        told = ["the first", *(_against(before, now) for before, now in pairwise(mine))]
+        changes = ["the first", *(_against(before, now) for before, now in pairwise(mine))]
         rows += [
             (
                 *(model, _said(one), words, _led(one, led or {}), one.when),
                 *(one.about, one.found.decided_by, one.found.estimate),
             )
-            for one, words in zip(mine, told, strict=True)
+            for one, words in zip(mine, changes, strict=True)
         ]
     note = (
         "Another verdict is not yet another model: 'eyechart compare RUN RUN' tests the difference of every "

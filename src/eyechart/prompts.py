@@ -158,11 +158,11 @@ class Prompt:
         """Return what `as_dict` does, with the name of each example picture in place of its bytes."""
         messages = [replace(message, pictures=()) for message in self.messages]
         files = [[one.file for one in message.pictures] for message in self.messages]
-        told = [
+        turns = [
             {**message.as_dict(), **({"pictures": names} if names else {})}
             for message, names in zip(messages, files, strict=True)
         ]
-        return {**self.as_dict(), **({"messages": told} if told else {})}
+        return {**self.as_dict(), **({"messages": turns} if turns else {})}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, object]) -> "Prompt":

@@ -125,11 +125,11 @@ class Plan:
         if not self.space.columns:
             return self.space
         frame = self.bank.frame(key.frame)
-        told = frame.fields
+        fields = frame.fields
         if key.condition == "text_swapped":
             other = text_source_frame(frame, self.bank, seed_of(key.condition, frame, self.seed)).fields
-            told = {name: (other if name in self.bank.said else told)[name] for name in told}
-        return self.space.given(told)
+            fields = {name: (other if name in self.bank.said else fields)[name] for name in fields}
+        return self.space.given(fields)
 
     def read(self, key: CallKey, reply: Reply) -> Decision[Any]:
         """Return the decision in a call's reply."""

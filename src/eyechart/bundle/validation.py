@@ -392,9 +392,9 @@ def check_bank(manifest: RunManifest, bank: FrameBank) -> Iterator[PrintedDiffer
     for frame in bank:
         if frame.geometry() != recorded.pop(frame.id, None):
             gap = bank.manifest.gap
-            told = "" if gap is None else f" ({gap.column} {frame.truth.get(gap.column)})"
+            gap_words = "" if gap is None else f" ({gap.column} {frame.truth.get(gap.column)})"
             digest = str(bank.manifest.geometry.get(frame.id))
-            yield PrintedDifference(f"bank, ground truth of frame '{frame.id}'{told}", digest, frame.geometry())
+            yield PrintedDifference(f"bank, ground truth of frame '{frame.id}'{gap_words}", digest, frame.geometry())
     for frame_id in recorded:
         yield PrintedDifference(f"bank, frame '{frame_id}'", "recorded", "missing")
     if [frame.id for frame in bank] != list(bank.manifest.geometry):

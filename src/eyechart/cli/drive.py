@@ -391,8 +391,8 @@ def _show(planned: "EpisodesRun", *, json: bool) -> None:
     if json:
         left = planned.unfinished()
         why = [one.as_dict() for one in unfinished(planned.out, left, planned.drivers.models)]
-        told = {"run": str(planned.out), "left": len(left), "unfinished": why}
-        print_json({**told, "rows": [row.as_dict() for row in rows]})
+        summary = {"run": str(planned.out), "left": len(left), "unfinished": why}
+        print_json({**summary, "rows": [row.as_dict() for row in rows]})
         return
     from eyechart.studies.closed_loop.tables import means_table
 

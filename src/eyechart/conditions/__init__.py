@@ -195,14 +195,14 @@ def _text_only(frame: Frame, *_: object) -> Stimulus:
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
     other = text_source_frame(frame, source, seed)
 
-    def told(own: Frame, theirs: Frame) -> Stimulus:
+    def swap(own: Frame, theirs: Frame) -> Stimulus:
         state = {name: (theirs if name in source.said else own).state[name] for name in own.state}
         return Stimulus(source.images(own), theirs.fields, state)
 
-    return _each(told, frame, other)
+    return _each(swap, frame, other)
 
 
-def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+def _instructed(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     """Return the maker of a counterfactual with another episode's instruction."""
     return lambda frame, source, seed: replace(
         _drawn(name)(frame, source, seed), fields=partner_of(frame, source, "swapped", INSTRUCTION).fields
@@ -280,16 +280,16 @@ TABLE: dict[str, Condition] = {
         _moment("lead_far", "lead vehicle far", "does distance decide?"),
         *(
             Condition(
-                f"{TOLD}{name}" if told else name,
-                f"same moment, {name.replace('_', ' moved ')}{', another instruction' if told else ''}",
-                "is the named one followed?" if told else "is the object followed?",
-                _told(name) if told else _drawn(name),
+                f"{TOLD}{name}" if instructed else name,
+                f"same moment, {name.replace('_', ' moved ')}{', another instruction' if instructed else ''}",
+                "is the named one followed?" if instructed else "is the object followed?",
+                _instructed(name) if instructed else _drawn(name),
                 _DRAWN,
                 name,
                 over="",
                 asked=_POLICIES,
             )
-            for told in (False, True)
+            for instructed in (False, True)
             for name in MOVES
         ),
         _moment(EXCHANGED, "the objects' colours exchanged", "does it know which is which?", asked=_POLICIES),
@@ -538,8 +538,8 @@ def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
     """
     frames, same = source.alike(frame)
     if len(frames) == len(same):
-        told = [*frame.stated(source.said)]
-        raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {told}")
+        columns = [*frame.stated(source.said)]
+        raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {columns}")
     place = int(np.random.default_rng(seed).integers(len(frames) - len(same)))
     before = bisect_right(range(len(same)), place, key=lambda skipped: same[skipped] - skipped)
     return frames[place + before]

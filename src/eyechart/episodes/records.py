@@ -292,7 +292,7 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
     if asked:
         with Ledger(out / LEDGER, absent=True) as ledger:
             last = {spec: dict(_of(ledger.attempts(spec), left[spec])) for spec in asked}
-    return [_told(policy, len(worlds), last.get(policy)) for policy, worlds in left.items()]
+    return [_unfinished_episodes(policy, len(worlds), last.get(policy)) for policy, worlds in left.items()]
 
 
 def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
@@ -317,7 +317,7 @@ def _of(attempts: Iterable[SentAttempt], left: set[tuple[str, str]]) -> Iterator
             yield sent.key, sent
 
 
-def _told(policy: str, episodes: int, last: Mapping[CallKey, SentAttempt] | None) -> UnfinishedEpisodes:
+def _unfinished_episodes(policy: str, episodes: int, last: Mapping[CallKey, SentAttempt] | None) -> UnfinishedEpisodes:
     if last is None:
         return UnfinishedEpisodes(policy, episodes, None, {})
     begun = {(key.frame.rpartition("/")[0], key.condition) for key in last}
@@ -376,5 +376,5 @@ def _row(policy: str, condition: str, group: list[Episode]) -> EpisodeMeans:
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
-    told = [value for value in values if value is not None]
-    return fmean(told) if told else None
+    known = [value for value in values if value is not None]
+    return fmean(known) if known else None

@@ -205,8 +205,8 @@ def _compare(recorded: Episode, driven: Episode, found: ReplayDifferences, *, ex
             found.mismatches += [Mismatch(key, before.step, *one) for one in differs]
             return
     if len(driven.steps) < len(recorded.steps) and "error" in {recorded.ended, driven.ended}:  # it ended earlier
-        told = driven.detail or f"ended in {driven.ended}"
-        found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", told))
+        ending = driven.detail or f"ended in {driven.ended}"
+        found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", ending))
         return
     if recorded.ended == "error":
         if (driven.ended, len(driven.steps), driven.detail) != ("error", len(recorded.steps), recorded.detail):

@@ -319,11 +319,11 @@ def tell_turned(
         theirs.index(partner) + place - own.index(number) if (partner := partners[number]) in theirs else None
         for place, number in enumerate(own)
     ]
-    told = tell(_in_turns(walks, motion, state), turned)
+    evidence = tell(_in_turns(walks, motion, state), turned)
     firsts = {one.first for one in state}
-    found = {number: place for number, place in zip(own, told.pairs, strict=True) if place is not None}
+    found = {number: place for number, place in zip(own, evidence.pairs, strict=True) if place is not None}
     found = {number: theirs[place] for number, place in found.items() if theirs[place] not in firsts}
-    return replace(told, pairs=tuple(found.get(number) for number in range(len(named))))
+    return replace(evidence, pairs=tuple(found.get(number) for number in range(len(named))))
 
 
 def _in_turns(

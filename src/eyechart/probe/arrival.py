@@ -140,9 +140,9 @@ async def reuses(asker: Asker, sight: SightAnswers, seed: int) -> Fault | None:
     Two calls with pictures of a new size, made only if all named colours are the first picture's.
     With such a cache, both get the colour of the first of the two.
     """
-    told = [shot.said for shot in sight.shots if shot.question.kind == "colour"]
-    named = told[0] if told else None
-    if len(told) < 2 or set(told) != {named} or named != sight.shots[0].question.answer:
+    colours = [shot.said for shot in sight.shots if shot.question.kind == "colour"]
+    named = colours[0] if colours else None
+    if len(colours) < 2 or set(colours) != {named} or named != sight.shots[0].question.answer:
         return None
     dice = random.Random(key_seed("arrival", seed, "reuses"))  # noqa: S311 - no secret
     first, other = dice.sample([colour for colour in CHOICES["colour"] if colour != named], 2)
@@ -270,10 +270,10 @@ async def repeats(asker: Asker, sight: SightAnswers, sample: Sample) -> str:
     if asker.mode.temperature != 0:
         return ""
     first, *again = [await asker.ask(sample.query(0)) for _ in range(1 + REPEATS)]
-    told = [sample.space.read(one).action for one in (first, *again) if one.error is None]
+    actions = [sample.space.read(one).action for one in (first, *again) if one.error is None]
     same, of = sight.same
-    equal = sum(one == told[0] for one in told[1:])
-    return f"{max(0, same - 1) + equal} of {max(0, of - 1) + max(0, len(told) - 1)}"
+    equal = sum(one == actions[0] for one in actions[1:])
+    return f"{max(0, same - 1) + equal} of {max(0, of - 1) + max(0, len(actions) - 1)}"
 
 
 def _shots(questions: Sequence[AnsweredQuestion], replies: Sequence[Reply]) -> list[AnsweredQuestion]:

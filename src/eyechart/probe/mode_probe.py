@@ -344,6 +344,6 @@ def names_of(
     """Return the facts that name the model, and the result of its pictures in words."""
     found = {name: text for name, text in facts.items() if name not in {"template", "warning"}}
     for name in ("served", "provider"):
-        told = sorted({value for reply in came if (value := getattr(reply, name)) is not None})
-        found |= {name: ", ".join(told)} if told else {}
+        values = sorted({value for reply in came if (value := getattr(reply, name)) is not None})
+        found |= {name: ", ".join(values)} if values else {}
     return {**found, "picture": causes[0] if sight.outcome == "blind" and causes else sight.because}

@@ -15,13 +15,13 @@ from eyechart.channels import (
     INSTRUCTION,
     STATE,
     flat_state,
+    instruction_key,
     logs,
     reads,
     relative,
     relative_log,
     require_history,
     require_inputs,
-    told,
 )
 from eyechart.conditions import mixed, show
 from eyechart.errors import BankError, counted
@@ -153,7 +153,7 @@ class _ProbeFrames:
         others = [frame for frame in bank if frame.drive != self.first.drive]
         if not others:
             raise BankError(f"the bank {bank.root} has one episode, and the checks need frames of another one")
-        apart = [frame for frame in others if told(frame.fields) != told(self.first.fields)]
+        apart = [frame for frame in others if instruction_key(frame.fields) != instruction_key(self.first.fields)]
         self.other = (apart or others)[len(apart or others) // 2]
         self.further = _spread(bank.frames)
         self.logs = logs(bank)
@@ -181,7 +181,9 @@ class _ProbeFrames:
     def pair(self) -> tuple[Frame, ...]:
         """Return two further frames with a logged motion, if possible of different instructions."""
         logged = [frame for frame in self.further if frame.id in self.kept]
-        others = [frame for frame in logged[1:] if told(frame.fields) != told(logged[0].fields)] or logged[1:]
+        others = [
+            frame for frame in logged[1:] if instruction_key(frame.fields) != instruction_key(logged[0].fields)
+        ] or logged[1:]
         return (*logged[:1], *others[:1])
 
     def forms(self, frame: Frame) -> dict[str, Stimulus]:
@@ -222,7 +224,7 @@ class _ProbeFrames:
         yield "grey", show("blank", mine, self.bank, 0)
         if mine.state and mine.state != theirs.state:
             yield STATE, mixed(mine, theirs, STATE, self.bank)
-        if mine.fields and told(mine.fields) != told(theirs.fields):
+        if mine.fields and instruction_key(mine.fields) != instruction_key(theirs.fields):
             yield INSTRUCTION, mixed(mine, theirs, INSTRUCTION, self.bank)
         for name in cameras if len(cameras) > 1 else ():
             if (other := self.other_by([name], mine)) is not None:
@@ -240,10 +242,10 @@ class _ProbeFrames:
         """Return a policy's inputs in words."""
         state = {name: len(numbers) for name, numbers in self.first.state.items()}
         numbers = f"a state of {sum(state.values())} numbers ({', '.join(state)})" if state else "no state"
-        told = "an instruction" if self.first.fields else "no instruction"
+        instruction = "an instruction" if self.first.fields else "no instruction"
         pixels = {name: decode(image, name) for name, image in self.bank.images(self.first).items()}
         pictures = ", ".join(f"{name}: {pixel.shape} {pixel.dtype}" for name, pixel in pixels.items())
-        return f"the pictures {pictures}; {numbers}; {told}"
+        return f"the pictures {pictures}; {numbers}; {instruction}"
 
     def given_to(self, model: Model) -> str:
         """Return in words what a call of a policy gets, which a batch gets as lists."""

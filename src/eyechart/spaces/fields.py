@@ -373,9 +373,9 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
         if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
         values.append(found)
-    told = [one for pairs in objects for one in _plain_pairs(pairs)]
+    pairs_found = [one for pairs in objects for one in _plain_pairs(pairs)]
     known = {one.key.split(".")[-1] for one in fields if one.key is not None}
-    if says_no_picture(rest) or says_failed(told, known):
+    if says_no_picture(rest) or says_failed(pairs_found, known):
         return FieldValues(None, "says_error", fields[0].name)
     return FieldValues(tuple(values))
 
@@ -854,12 +854,12 @@ def _bounds(text: str, where: str) -> tuple[float, float, bool]:
     return (-math.inf, bound, strict) if found[1][0] == "<" else (bound, math.inf, strict)
 
 
-def candidates_of(told: object) -> tuple[str, ...]:
+def candidates_of(cell: object) -> tuple[str, ...]:
     """Return the names in a frame's column: a JSON list, or a text with commas or new lines.
 
     It is empty where the column holds none.
     """
-    text = str(told).strip()
+    text = str(cell).strip()
     if text.startswith("["):
         try:
             listed = parse_json(text, most=_VALUES_AT_MOST)

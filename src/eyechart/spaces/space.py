@@ -117,9 +117,9 @@ class SpaceDefaults(Protocol):
         """Return the prompt columns with the names that a frame allows."""
         return ()
 
-    def given(self, told: Mapping[str, object]) -> Self:
+    def given(self, row: Mapping[str, object]) -> Self:
         """Return the space of one frame whose words state these fields."""
-        del told
+        del row
         return self
 
     def in_world(self, distances: Distances) -> Self:

@@ -84,11 +84,11 @@ def card(name: str, answer: str, label: str, says: str, rows: Mapping[str, str],
         for row, text in rows.items()
     )
     fine = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
-    told = f'<p style="margin:.3em 0 .6em">{escape(says)}</p>' if says else ""
+    paragraph = f'<p style="margin:.3em 0 .6em">{escape(says)}</p>' if says else ""
     return (
         f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(name)}</p>'
         f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(answer)}'
-        f' <span style="{_LABEL}">{escape(label)}</span></p>{told}'
+        f' <span style="{_LABEL}">{escape(label)}</span></p>{paragraph}'
         f'<table style="border-collapse:collapse;border:0;margin:0;font-size:1em"><tbody>{facts}</tbody></table>'
         f"{fine}</div>"
     )

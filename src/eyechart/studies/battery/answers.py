@@ -45,7 +45,7 @@ class Answers:
     """A model's decisions. ``decisions[condition]`` follows ``frames``; None without a reply.
 
     ``finished`` counts the calls about these frames whose reply is final. ``no_gap`` gives the
-    reason where ``gap`` is None. ``told`` says whether the prompt described each frame. ``made``
+    reason where ``gap`` is None. ``has_text`` says whether the prompt described each frame. ``made``
     says how the bank's control pictures were made. ``sent`` gives by condition the turn of each
     frame's call among all that were sent, -1 without one; it is empty where the order is unknown.
     """
@@ -57,7 +57,7 @@ class Answers:
     decisions: Mapping[str, tuple[Decision[Any] | None, ...]]
     finished: int = 0
     no_gap: str = NO_GAP
-    told: bool = False
+    has_text: bool = False
     made: Provenance = "rendered"
     sent: Mapping[str, Codes] = field(default_factory=dict, compare=False)
 
@@ -280,7 +280,7 @@ def read_answers(
     plan: Plan,
     *,
     independent: bool = False,
-    told: bool = False,
+    has_text: bool = False,
 ) -> Answers:
     """Read every reply of a model under the plan's conditions as a decision.
 
@@ -289,10 +289,14 @@ def read_answers(
     """
     asked = frozenset(plan.asked(model))
     wanted = ((key, reply) for key, reply in replies if key.condition in asked)
-    return _answers(model, plan, *read_columns(wanted, plan.frames, plan.read), independent=independent, told=told)
+    return _answers(
+        model, plan, *read_columns(wanted, plan.frames, plan.read), independent=independent, has_text=has_text
+    )
 
 
-def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool = False, told: bool = False) -> Answers:
+def answers_in(
+    attempts: Attempts, plan: Plan, model: str, *, independent: bool = False, has_text: bool = False
+) -> Answers:
     """Return what `read_answers` returns, from the attempts of a ledger, with the order of the calls.
 
     Of answers made elsewhere the ledger's order is that of their file, so theirs is unknown.
@@ -310,7 +314,9 @@ def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool 
         column[place[own]], sent[name][place[own]] = attempts.decision[rows[own]], turns[own]
         decisions[name] = tuple(table[column].tolist())
     finished = len(rows) - int(attempts.error(rows, UNFINISHED).sum())
-    answers = _answers(model, plan, dict(sorted(decisions.items())), finished, independent=independent, told=told)
+    answers = _answers(
+        model, plan, dict(sorted(decisions.items())), finished, independent=independent, has_text=has_text
+    )
     return answers if made_elsewhere(model) else replace(answers, sent=sent)
 
 
@@ -321,7 +327,7 @@ def _answers(
     finished: int,
     *,
     independent: bool,
-    told: bool,
+    has_text: bool,
 ) -> Answers:
     bank = plan.bank.manifest
     gap, silent = bank.gap, "episode" in bank.absent and not independent
@@ -333,7 +339,7 @@ def _answers(
         decisions=decisions,
         finished=finished,
         no_gap=NO_EPISODES if silent and gap is not None else NO_GAP,
-        told=told,
+        has_text=has_text,
         made=bank.provenance,
     )
 

@@ -482,8 +482,8 @@ def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], D
 def _nearer(layout: QuestionOrder) -> set[tuple[str, str]]:
     """Return the pictures, by frame and condition, whose lead is nearer than the farthest."""
     columns = {name: AT[picture][0] for picture in ("drawn", "own") for name in TWICE[picture]}
-    told = {(frame.id, name): frame.truth.get(column) for frame in layout.frames for name, column in columns.items()}
-    known = {key: float(one) for key, one in told.items() if isinstance(one, int | float)}
+    gaps = {(frame.id, name): frame.truth.get(column) for frame in layout.frames for name, column in columns.items()}
+    known = {key: float(one) for key, one in gaps.items() if isinstance(one, int | float)}
     cut, gap = 0.7 * max(known.values(), default=0.0), layout.whole.gap
     if known and gap:
         known |= {(frame.id, name): gap.of(frame) for frame in layout.frames for name in TWICE["real"]}

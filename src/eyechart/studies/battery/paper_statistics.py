@@ -108,8 +108,10 @@ class PaperStatistics:
 
     def _agreements(self, level: str) -> dict[str, Callable[[], Statistic]]:
         decisions = self.answers.decisions
-        told = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
-        further = [name for name in dict.fromkeys((*CONDITIONS, *decisions)) if name in decisions and name not in told]
+        compared = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
+        further = [
+            name for name in dict.fromkeys((*CONDITIONS, *decisions)) if name in decisions and name not in compared
+        ]
         distance = cache(lambda name: self.answers.distance("real", name, level))
 
         def agree(name: str) -> Statistic:

@@ -287,7 +287,7 @@ def score_run(
     """
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
-    plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
+    plan, has_text = plan_of(manifest, bank), bool(manifest.prompt.fields)
     attempts = attempts_of(ledger_path, plan, kept_in=ledger_path.parent if held else None, fresh=fresh)
     if held:
         require_requests(ledger_path, attempts, manifest, plan)
@@ -296,7 +296,7 @@ def score_run(
     for spec in manifest.models:
         asked[spec] = asked_of_model(plan, spec, answered(attempts, plan, spec), may, series=series)
         reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
-        answers[spec] = answers_in(attempts, reading, spec, independent=independent, told=told)
+        answers[spec] = answers_in(attempts, reading, spec, independent=independent, has_text=has_text)
     wide, plan = widest(manifest, plan), staged(plan, asked)
     courses, finished, said = _further(manifest, wide, ledger_path)
     spent, guards = taken(attempts, manifest, plan, read_prices(), courses)

@@ -84,15 +84,17 @@ def answered(attempts: Attempts, plan: Plan, model: str) -> ModelAnswers:
         rows = rows[~attempts.error(rows, UNFINISHED)]
         return attempts.cells(rows, plan.places, plan.study, plan.prompt.key)
 
-    independent, told = plan.bank.manifest.independent, bool(plan.prompt.fields)
-    return ModelAnswers(lambda wide: answers_in(attempts, wide, model, independent=independent, told=told), finished)
+    independent, has_text = plan.bank.manifest.independent, bool(plan.prompt.fields)
+    return ModelAnswers(
+        lambda wide: answers_in(attempts, wide, model, independent=independent, has_text=has_text), finished
+    )
 
 
 def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) -> ModelAnswers:
     """Return a model's answers in replies, the last of each call."""
-    given, (independent, told) = list(replies), (plan.bank.manifest.independent, bool(plan.prompt.fields))
+    given, (independent, has_text) = list(replies), (plan.bank.manifest.independent, bool(plan.prompt.fields))
     return ModelAnswers(
-        lambda wide: read_answers(model, given, wide, independent=independent, told=told),
+        lambda wide: read_answers(model, given, wide, independent=independent, has_text=has_text),
         lambda: cells_of((key for key, reply in given if reply.error not in UNFINISHED), plan.places),
     )
 

@@ -92,7 +92,7 @@ def _example(
     seen = [at for at in far if all(places[name][at] >= NO_PICTURE for name in names)]
     best = _typical(seen or far, far, [column for many in said.values() for column in many])
     shots = [
-        _shot(name, uris, places[name][best], [_told(run, column, best, far) for column in said[name]])
+        _shot(name, uris, places[name][best], [_answer_cell(run, column, best, far) for column in said[name]])
         for name in names
     ]
     more = _beside(evidence, everyone, who, asked)
@@ -143,7 +143,7 @@ def _typical(seen: Sequence[int], far: Sequence[int], columns: Sequence[Sequence
     return max(seen, key=lambda at: sum(column[at] == most for column, most in zip(columns, usual, strict=True)))
 
 
-def _told(run: Evidence, said: Sequence[str], best: int, far: Sequence[int]) -> tuple[str, str, str]:
+def _answer_cell(run: Evidence, said: Sequence[str], best: int, far: Sequence[int]) -> tuple[str, str, str]:
     """Return the role of an answer, its word, and the number of frames with that answer."""
     word, space = said[best], run.score.bank.manifest.action_space
     role = space.role(word) if word in space.actions else "none"

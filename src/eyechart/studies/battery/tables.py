@@ -146,8 +146,8 @@ def frontier_table(everyone: Sequence[JudgedModel]) -> Table:
     rows: list[tuple[Cell, ...]] = [(name, *(one[name] for one in made)) for name in (made[0] if made else ())]
     ended = [model.stopped for _, model, _ in everyone]
     if any(ended):
-        told = (None if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
-        rows.append(("stopped early", *told))
+        endings = (None if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
+        rows.append(("stopped early", *endings))
     verdicts = [verdict for _, _, verdict in everyone]
     if any(verdict.state for verdict in verdicts):
         rows.append(("unfinished", *(verdict.progress or None for verdict in verdicts)))

@@ -49,10 +49,10 @@ def scene_of(drives: Drives) -> SceneLabels:
     (forward cameras), each gap bin is divided by side.
     """
     steps = drives.steps
-    told = [None if isinstance(gap, bool) or not isinstance(gap, int | float) else gap for gap in drives.truth(GAP)]
-    if any(GAP not in step.truth for step in steps) or all(gap is None for gap in told):
+    gaps = [None if isinstance(gap, bool) or not isinstance(gap, int | float) else gap for gap in drives.truth(GAP)]
+    if any(GAP not in step.truth for step in steps) or all(gap is None for gap in gaps):
         return SceneLabels(np.zeros(len(steps), dtype=np.int64), "")
-    bins = quantile_bins(told, BINS)
+    bins = quantile_bins(gaps, BINS)
     if not all(SIDE in step.truth for step in steps):
         return SceneLabels(bins.codes, GAP_ALONE)
     sides = np.array([str(step.truth[SIDE]) for step in steps], dtype=np.str_)

@@ -228,14 +228,14 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
 def _kind_of_models(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     """Return the kind of two models' drives whose decisions vary but are equal in some worlds."""
     mostly = len(worlds) >= MOSTLY * len(one.by_world.keys() & other.by_world.keys())
-    told = wording(one, other, worlds)
+    comparison = wording(one, other, worlds)
     if one.driver.policy == other.driver.policy:
-        if mostly and told.is_verbatim and told.faster:
+        if mostly and comparison.is_verbatim and comparison.faster:
             return SUSPECT
         return REPEATS if one.driver.condition == other.driver.condition else COINCIDE
-    if mostly and told.is_verbatim and (told.beyond_decisions or told.faster):
+    if mostly and comparison.is_verbatim and (comparison.beyond_decisions or comparison.faster):
         return SUSPECT
-    return ALIKE if mostly and (told.is_verbatim or not told.compared) else COINCIDE
+    return ALIKE if mostly and (comparison.is_verbatim or not comparison.compared) else COINCIDE
 
 
 def _executed(drives: Drives, worlds: Sequence[str]) -> list[str]:
@@ -336,10 +336,10 @@ def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 
 def _alike(group: Sequence[Drives], same: Sequence[str]) -> str:
-    told = wording(group[0], group[1], same)
+    comparison = wording(group[0], group[1], same)
     why = "no replies of both can be compared"
-    if told.compared:
-        why = f"{told.words}, but nearly each follows from its decision and shows no more"
+    if comparison.compared:
+        why = f"{comparison.words}, but nearly each follows from its decision and shows no more"
     return (
         f"their decisions vary and are the same at every step; {why}. Equal rules, one model behind two names, and a "
         "cache would all look like this. A prompt that demands reasons in the reply tells them apart."

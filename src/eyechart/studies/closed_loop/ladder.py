@@ -164,11 +164,11 @@ def rung(drives: Drives, outcomes: SuccessCriteria) -> LadderRow:
     episodes = drives.episodes
     statistics: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
-        told = [value for episode in episodes if (value := measure(episode)) is not None]
-        if episodes and not told:
+        values = [value for episode in episodes if (value := measure(episode)) is not None]
+        if episodes and not values:
             statistics[name] = not_available(UNTOLD)
             continue
-        statistics[name] = mean_of_drives(told)
+        statistics[name] = mean_of_drives(values)
     statistics["crash_rate"] = exact_rate(sum(episode.crashed for episode in episodes), len(episodes))
     statistics["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
     return LadderRow(drives.driver, statistics, len(drives.errors))
@@ -204,11 +204,11 @@ def paired(first: Drives, second: Drives, outcomes: SuccessCriteria, *, resample
     statistics: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
         pairs = [(measure(mine), measure(theirs)) for mine, theirs in zip(one, other, strict=True)]
-        told = [(mine, theirs) for mine, theirs in pairs if mine is not None and theirs is not None]
-        if pairs and not told:
+        known = [(mine, theirs) for mine, theirs in pairs if mine is not None and theirs is not None]
+        if pairs and not known:
             statistics[name] = not_available(UNTOLD)
             continue
-        a, b = np.array([mine for mine, _ in told]), np.array([theirs for _, theirs in told])
+        a, b = np.array([mine for mine, _ in known]), np.array([theirs for _, theirs in known])
         seed = key_seed("paired", *who, name)
         tested = sign_flip_test(a, b, seed=seed, resamples=resamples)
         if tested.value is not None and (a != b).any():

@@ -234,8 +234,8 @@ def audited_table(rows: Sequence[Degeneracy]) -> Table:
     made = []
     for row in rows:
         found = [row.statistics[name] for name in names]
-        told = (*(found[2:] if row.varies else (None, None)), row.holm_naive, row.holm)
-        made.append((row.driver.simulator, row.driver.label, *found[:2], *told))
+        tests = (*(found[2:] if row.varies else (None, None)), row.holm_naive, row.holm)
+        made.append((row.driver.simulator, row.driver.label, *found[:2], *tests))
     named = (
         *(Column("platform", "word"), Column("model")),
         *(Column("modal", "estimate", beside=""), Column("H (b)", "estimate", 2, beside="")),

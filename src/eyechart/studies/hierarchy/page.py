@@ -124,13 +124,13 @@ def _control(difference: PairedDifference | None) -> dict[str, object] | None:
     if difference is None:
         return None
     goals = difference.differences["success_rate"]
-    told = goals.value is not None and goals.value > 0 and goals.p is not None and goals.p < LEVEL
+    is_significant = goals.value is not None and goals.value > 0 and goals.p is not None and goals.p < LEVEL
     return {
         "points": "—" if goals.value is None else f"{100 * goals.value:+.0f} points",
         "interval": "—" if goals.ci is None else f"{100 * goals.ci[0]:+.0f} to {100 * goals.ci[1]:+.0f}",
         "p": "—" if goals.p is None else f"{goals.p:.2g}",
         "worlds": difference.worlds,
-        "tells": told,
+        "tells": is_significant,
     }
 
 
