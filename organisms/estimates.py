@@ -56,6 +56,6 @@ def corpus() -> list[str]:
     return [f"{SCENE.system} {SCENE.user}"] * 2 + list(_SHORT)
 
 
-def asked(number: int) -> Asked:
+def question(number: int) -> Asked:
     """Return a question by any number: one in four is the project's own, which is long."""
     return (SCENE.system, SCENE.user) if number % 4 == 1 else ("", _SHORT[number % len(_SHORT)])

@@ -255,11 +255,11 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
     near, matched = (
         partners(bank.frames, name, channel, manifest.images, manifest.motion) for name in ("near", "matched")
     )
-    asked = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
-    if not len(asked):
+    chosen = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
+    if not len(chosen):
         return "", []
     turns = () if manifest.motion is None else manifest.motion.rotations_of("state")
-    ratios = reaches(_states(bank.frames, turns), asked, near[asked], matched[asked])
+    ratios = reaches(_states(bank.frames, turns), chosen, near[chosen], matched[chosen])
     names = _compared_names(state_names(bank), turns, manifest.history)
     still = ratios < STILL
     if 2 * int(still.sum()) <= int(np.isfinite(ratios).sum()):

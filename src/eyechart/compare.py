@@ -146,9 +146,9 @@ def frames_in_common(first: BatteryScore, second: BatteryScore) -> tuple[str, ..
 
     Raises SpecError if there are none.
     """
-    asked = [{frame.id for model in _models(run) for frame in model.answers.frames} for run in (first, second)]
+    frames = [{frame.id for model in _models(run) for frame in model.answers.frames} for run in (first, second)]
     moments = same_moments(first.bank.manifest, second.bank.manifest)
-    if found := tuple(frame for frame in moments if frame in asked[0] & asked[1]):
+    if found := tuple(frame for frame in moments if frame in frames[0] & frames[1]):
         return found
     raise SpecError(
         f"the runs are on different banks ({first.bank.name} and {second.bank.name}) without a frame of equal "
@@ -176,8 +176,8 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
     for spec in first.models.keys() & second.models.keys():
         one, other = first.models[spec].version, second.models[spec].version
         said += [both.format(f"{spec} version", one, other)] if one != other else []
-        asked = [", ".join(run.models[spec].controls.controls) or "none" for run in (first, second)]
-        said += [both.format(f"{spec} controls", *asked)] if asked[0] != asked[1] else []
+        controls = [", ".join(run.models[spec].controls.controls) or "none" for run in (first, second)]
+        said += [both.format(f"{spec} controls", *controls)] if controls[0] != controls[1] else []
         if not first.manifest.mode(spec).same_request(second.manifest.mode(spec)):
             said.append(f"{spec} had another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):

@@ -174,15 +174,17 @@ class RequestChecks:
         self._attempts, models = attempts, list(models)
         size, held = math.prod(len(attempts.names[name]) for name in _ASKED), None
         if size > max(_DENSE, 2 * len(attempts.call)):
-            held = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(self._asked, map(self._rows, models))]))
+            held = np.unique(
+                np.concatenate([np.zeros(0, dtype=np.int64), *map(self._questions, map(self._rows, models))])
+            )
             size = len(held)
         first = np.full(size, -1, dtype=np.int64)
         for rows in map(self._rows, models):  # one by one: all at once take much memory
-            asked = self._asked(rows) if held is None else np.searchsorted(held, self._asked(rows))
-            new = np.flatnonzero(first[asked] < 0)
-            calls, place = np.unique(asked[new], return_index=True)
+            questions = self._questions(rows) if held is None else np.searchsorted(held, self._questions(rows))
+            new = np.flatnonzero(first[questions] < 0)
+            calls, place = np.unique(questions[new], return_index=True)
             first[calls] = rows[new[place]]
-            before = first[asked]
+            before = first[questions]
             for at in np.flatnonzero(attempts.request[rows] != attempts.request[before]).tolist():
                 key = attempts.key(int(rows[at]))
                 same = tuple(map(str, (key.study, *key[2:])))
@@ -194,12 +196,12 @@ class RequestChecks:
         rows = self._attempts.of(model)
         return rows[self._attempts.request[rows] >= 0]
 
-    def _asked(self, rows: Ints) -> Ints:
+    def _questions(self, rows: Ints) -> Ints:
         """Return a number for what each row asks of any model."""
-        asked = np.zeros(len(rows), dtype=np.int64)
+        questions = np.zeros(len(rows), dtype=np.int64)
         for name in _ASKED:
-            asked = asked * len(self._attempts.names[name]) + self._attempts.codes[name][rows]
-        return asked
+            questions = questions * len(self._attempts.names[name]) + self._attempts.codes[name][rows]
+        return questions
 
     def guards(self, model: str) -> tuple[Guard, ...]:
         """Return the guard of a model, or none if its requests equal those of the others."""
@@ -299,11 +301,11 @@ def _tokens(attempts: Attempts, rows: Ints) -> TokenCounts:
         return {}
     counts, frames = attempts.whole["prompt_tokens"], len(attempts.names["frame"])
     rows = rows[counts[rows] > 0]
-    asked = attempts.codes["prompt"][rows].astype(np.int64) * frames + attempts.codes["frame"][rows]
+    questions = attempts.codes["prompt"][rows].astype(np.int64) * frames + attempts.codes["frame"][rows]
     conditions, found = attempts.codes["condition"][rows], {}
     for code in np.flatnonzero(np.bincount(conditions)).tolist():
         own = np.flatnonzero(conditions == code)[::-1]
-        which, last = np.unique(asked[own], return_index=True)
+        which, last = np.unique(questions[own], return_index=True)
         found[attempts.names["condition"][code]] = (which, counts[rows[own[last]]].astype(np.int64))
     return found
 
@@ -360,11 +362,11 @@ _SHOWN_BEFORE = frozenset({"text_only", "real_repeat", "shuffled", "cross_scenar
 
 def _dropped(tokens: TokenCounts) -> str:
     """Return how many prompts with a picture have the tokens of their words alone, or ""."""
-    asked, bare = tokens.get("text_only", _NO_TOKENS)
+    questions, bare = tokens.get("text_only", _NO_TOKENS)
     if not len(bare) or bare.min() < max(FEWEST_TOKENS, bare.max() / 2):
         return ""
     for condition, (which, counts) in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
-        _, here, there = np.intersect1d(which, asked, assume_unique=True, return_indices=True)
+        _, here, there = np.intersect1d(which, questions, assume_unique=True, return_indices=True)
         lost = int((counts[here] == bare[there]).sum())
         if lost and condition.partition("@")[0] not in _SHOWN_BEFORE:
             named = "" if condition == "real" else f", under {condition},"
@@ -433,8 +435,8 @@ def _twice(attempts: Attempts, rows: Ints) -> int:
     order = rows[np.argsort(attempts.call[rows], kind="stable")]
     again = np.cumsum(attempts.codes["reason"][order] == attempts.code("reason", AGAIN))
     ended = np.flatnonzero(attempts.finishing(order))
-    call, asked = attempts.call[order[ended]], again[ended]
-    return int(((call[1:] == call[:-1]) & (asked[1:] == asked[:-1])).sum())
+    call, repeats = attempts.call[order[ended]], again[ended]
+    return int(((call[1:] == call[:-1]) & (repeats[1:] == repeats[:-1])).sum())
 
 
 def _outcomes(planned: tuple[int, int], twice: int, counted: str) -> Guard:

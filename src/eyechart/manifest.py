@@ -297,9 +297,9 @@ class RunManifest(Manifest):
         bank: FrameBank,
         modes: Mapping[str, RequestMode],
         who: Mapping[str, VersionFacts],
-        **asked: Any,  # noqa: ANN401
+        **fields: Any,  # noqa: ANN401
     ) -> "RunManifest":
-        """Return the manifest of a run on a bank that starts today, with ``asked`` fields."""
+        """Return the manifest of a run on a bank that starts today, with further ``fields``."""
         return cls(
             created=today(),
             models={spec: version for spec, (version, _) in who.items()},
@@ -309,7 +309,7 @@ class RunManifest(Manifest):
             modes=modes,
             facts={spec: dict(facts) for spec, (_, facts) in who.items() if facts},
             encoding=NEWEST,
-            **asked,
+            **fields,
         )
 
     def _wider(self, other: "RunManifest") -> dict[str, Any]:

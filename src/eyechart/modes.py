@@ -305,9 +305,9 @@ def untried_text(mode: RequestMode) -> str:
 
 def untried_words(mode: RequestMode) -> str:
     """Return one of the paper's modes in a line: its model, and how it was asked."""
-    asked = f"{mode.max_tokens} tokens, {mode.structured}, temperature {mode.temperature:g}"
+    settings = f"{mode.max_tokens} tokens, {mode.structured}, temperature {mode.temperature:g}"
     thinks = "" if "think" not in mode.options else f", think {str(mode.options['think']).lower()}"
-    return f"the paper's {mode.about['paper']} ({mode.about['arm']} arm): {mode.spec}, {asked}{thinks}; untested"
+    return f"the paper's {mode.about['paper']} ({mode.about['arm']} arm): {mode.spec}, {settings}{thinks}; untested"
 
 
 def write_mode(path: Path, mode: RequestMode) -> None:

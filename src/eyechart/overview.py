@@ -46,7 +46,7 @@ class Entry:
     """What one run says of one model: version, question and finding.
 
     ``begun`` is when its first call was sent, in UTC, or the run's day if it has no call.
-    ``counted`` is the "yes" of its kind of finding, and the noun that is counted. ``asked`` holds,
+    ``counted`` is the "yes" of its kind of finding, and the noun that is counted. ``settings`` holds,
     by name, what must be equal before two runs of a model answer one question.
     """
 
@@ -55,14 +55,14 @@ class Entry:
     begun: str
     model: str
     about: str
-    asked: tuple[tuple[str, object], ...]
+    settings: tuple[tuple[str, object], ...]
     found: ModelSummary
     counted: tuple[str, str] = ("", "")
 
     def apart(self, other: "Entry") -> list[str]:
         """Return how another run of the model was asked differently."""
-        theirs = dict(other.asked)
-        return [name for name, value in self.asked if theirs.get(name) != value]
+        theirs = dict(other.settings)
+        return [name for name, value in self.settings if theirs.get(name) != value]
 
     @property
     def judged(self) -> bool:
@@ -111,8 +111,8 @@ def _entries(name: str, run: Path, reading: ReadOptions) -> Iterator[Entry]:
     study = open_study("battery")
     try:
         study = study_of(run)
-        asked = ["index", reading.independent, reading.reread, reading.against, reading.resamples]
-        found = kept(run, asked, lambda: _found_in(run, study, reading), fresh=reading.fresh)
+        request = ["index", reading.independent, reading.reread, reading.against, reading.resamples]
+        found = kept(run, request, lambda: _found_in(run, study, reading), fresh=reading.fresh)
         findings = {spec: ModelSummary.of_plain(said) for spec, said in found["findings"].items()}
         findings = findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT)
         yield from _described(name, run, study, _moment(found["began"]), findings)
@@ -143,7 +143,7 @@ def _described(
     about = [*(Path(part.bank_path).name for part in of_banks), *(part.simulator for part in of_drives)]
     for spec, found in findings.items():
         versions = [*(part.models.get(spec) for part in of_banks), *(part.policies.get(spec) for part in of_drives)]
-        asked = (
+        settings = (
             ("bank", [*(part.fingerprint for part in of_banks), *(part.simulator for part in of_drives)]),
             (
                 "frames",
@@ -156,7 +156,7 @@ def _described(
             ("reader", [part.reader for part in parts]),
         )
         where = ", ".join(dict.fromkeys(about))
-        yield Entry(name, study.runs_are, begun, spec, where, asked, found, study.counted)
+        yield Entry(name, study.runs_are, begun, spec, where, settings, found, study.counted)
 
 
 def _moment(said: object) -> str:

@@ -140,21 +140,21 @@ class Plan:
         del reply
         return ""
 
-    def asked(self, model: str) -> tuple[str, ...]:
+    def conditions_of(self, model: str) -> tuple[str, ...]:
         """Return the conditions of a model."""
         return (*self.conditions, *self.controls.get(model, ()))
 
     def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
         """Return how many calls of a later stage are not yet counted as planned."""
-        asked = self.asked(model)
-        return sum(key.condition not in asked for key in todo)
+        conditions = self.conditions_of(model)
+        return sum(key.condition not in conditions for key in todo)
 
     def cells(self, model: str) -> dict[tuple[str, int], Mask]:
         """Return a model's planned calls: of each condition and repeat, which frames."""
         if self.shard is not None or type(self) is not Plan:
             return cells_of(self.keys_of(model), self.places)
         few = {name: self._in_sample[name] for name in self.controls.get(model, ()) if name in self._in_sample}
-        shown = {name: self._shown(name) for name in self.asked(model)}
+        shown = {name: self._shown(name) for name in self.conditions_of(model)}
         return {(name, 0): cells & few[name] if name in few else cells for name, cells in shown.items()}
 
     @cached_property
@@ -179,9 +179,9 @@ class Plan:
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
-        prompt, asked = self.prompt.key, self.asked(model)
+        prompt, conditions = self.prompt.key, self.conditions_of(model)
         few = {name: self._sampled[name] for name in self.controls.get(model, ()) if name in self._sampled}
-        shown = [(condition, self._shown(condition).tolist()) for condition in asked]
+        shown = [(condition, self._shown(condition).tolist()) for condition in conditions]
         for place, frame in enumerate(self.frames):
             for condition, can in shown:
                 if can[place] and (condition not in few or frame.id in few[condition]):

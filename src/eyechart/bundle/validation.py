@@ -195,11 +195,11 @@ def _recompute(
     """Recompute a run on a bank and compare; adds to ``found``."""
     run = folder / RUN_FOLDER
     _announce([run], again)
-    manifest, asked, bank = _check_calls(run, recipe, mine := RunCheck([], [], [], {}), tell)
+    manifest, bank_used, bank = _check_calls(run, recipe, mine := RunCheck([], [], [], {}), tell)
     made = recipe.elsewhere(manifest.prompt.readers)
     _add(mine, validation)
-    derived = derive(run, manifest, (asked, bank), recipe, tell)
-    pictures = used_pictures(manifest, asked)
+    derived = derive(run, manifest, (bank_used, bank), recipe, tell)
+    pictures = used_pictures(manifest, bank_used)
     held = {f"{RUN_FOLDER}/{name}" for name in (RUN, LEDGER, *(f"{BANK}/{file}" for file in (*BANK_TEXT, *pictures)))}
     validation.compared.update(derived.counted, pictures=len(pictures))
     _compare_derived(folder, names, held, recipe, made, derived, validation)
@@ -223,9 +223,9 @@ def _recompute_parts(
             held |= {f"{here}/{file}" for file in OF_DRIVES}
         else:
             mine = RunCheck([], [], [], {})
-            manifest, asked, _ = _check_calls(part, recipe, mine, tell)
+            manifest, bank_used, _ = _check_calls(part, recipe, mine, tell)
             held |= {f"{here}/{file}" for file in (RUN, LEDGER)}
-            held |= {f"{here}/{BANK}/{file}" for file in (*BANK_TEXT, *used_pictures(manifest, asked))}
+            held |= {f"{here}/{BANK}/{file}" for file in (*BANK_TEXT, *used_pictures(manifest, bank_used))}
         _add(mine, validation, said)
     derived = derive_parts(run, recipe, tell)
     validation.compared.update(derived.counted)
@@ -248,13 +248,13 @@ def _check_calls(run: Path, recipe: Recipe, check: RunCheck, tell: Tell) -> tupl
     manifest = read_manifest(run)
     _require_bounded(run, manifest)
     bank = open_unchecked(run / BANK)
-    asked = asked_of(bank, manifest.prompt, recipe.reader)
+    bank_used = asked_of(bank, manifest.prompt, recipe.reader)
     if not recipe.elsewhere(manifest.prompt.readers) and (run / RUN).read_bytes() != manifest.as_text().encode():
         check.differences.append(
             PrintedDifference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written")
         )
     tell("checking the bank")
-    check.differences.extend(check_bank(manifest, asked))
+    check.differences.extend(check_bank(manifest, bank_used))
     with Ledger(run / LEDGER, sound=False) as ledger:
         damaged = ledger.damaged()
         check.differences.extend(
@@ -264,15 +264,17 @@ def _check_calls(run: Path, recipe: Recipe, check: RunCheck, tell: Tell) -> tupl
         if unchecked := ledger.unchecked():
             check.notes.append(f"{unchecked} replies are older than checksums: not checked")
         tell("checking the requests")
-        requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
+        requests, count, unlike = check_requests(
+            ledger, manifest, bank_used, same_encoder=_same(recipe, "pillow", "zlib")
+        )
     check.differences.extend(requests)
-    frames = {key.frame for key in plan_of(manifest, asked).keys()}  # noqa: SIM118 - a plan is no mapping
+    frames = {key.frame for key in plan_of(manifest, bank_used).keys()}  # noqa: SIM118 - a plan is no mapping
     check.compared.update({"frames": len(frames), "requests": count})
     if unlike:
         named = ", ".join(unlike)
         check.notes.append(f"this machine encodes the pictures of {named} to other bytes: no request compared")
         check.uncompared.append(f"requests of {named}")
-    return manifest, asked, bank
+    return manifest, bank_used, bank
 
 
 def _compare_derived(

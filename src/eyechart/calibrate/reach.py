@@ -96,8 +96,8 @@ def matched_of(bank: FrameBank) -> tuple[int, int]:
     if f"matched@{CAMERAS}" not in conditions_of(bank)[0]:
         return 0, 0
     there = partners(bank.frames, "matched", CAMERAS, bank.manifest.images, bank.manifest.motion) != NOBODY
-    asked = [frame.drive for frame, matched in zip(bank, there, strict=True) if matched]
-    return len(asked), len(set(asked))
+    episodes = [frame.drive for frame, matched in zip(bank, there, strict=True) if matched]
+    return len(episodes), len(set(episodes))
 
 
 def unreachable(bank: FrameBank) -> dict[str, str]:

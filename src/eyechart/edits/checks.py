@@ -92,8 +92,8 @@ def of_scene(scene: EditScene, ignored: Sequence[Box], fit: Fit | None, limits: 
 
 def foot_off(scene: EditScene, fit: Fit) -> float:
     """Return the depth of the lead's foot below the horizon over the one of the bank's line."""
-    asked = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
-    return (scene.lead.foot - scene.lines.horizon) / asked if asked > 0 else 0.0
+    depth = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
+    return (scene.lead.foot - scene.lines.horizon) / depth if depth > 0 else 0.0
 
 
 def _sum_of(masks: Iterable[Mask]) -> Mask | None:
@@ -151,9 +151,9 @@ def _foot_is_seen(scene: EditScene, box: Box, limits: EditLimits) -> bool:
 
 def _place_off(scene: EditScene, scale: float, fit: Fit) -> float:
     """Return how far off a copy's foot is if the horizon is what is wrong with the lead's foot."""
-    asked = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
-    wrong_px = abs(scene.lead.foot - scene.lines.horizon - asked)
-    return max(wrong_px - 1.0, 0.0) * abs(1 - scale) / (scale * asked) if asked > 0 else 0.0
+    depth = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
+    wrong_px = abs(scene.lead.foot - scene.lines.horizon - depth)
+    return max(wrong_px - 1.0, 0.0) * abs(1 - scale) / (scale * depth) if depth > 0 else 0.0
 
 
 def _in_the_way(scene: EditScene, place: CopyPlace, box: Box, limits: EditLimits) -> str:

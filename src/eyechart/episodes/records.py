@@ -287,11 +287,11 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
     left: dict[str, set[tuple[str, str]]] = {}
     for key in keys:
         left.setdefault(key.policy, set()).add((key.world, key.condition))
-    asked = {spec for spec in models if spec in left}
+    pending = {spec for spec in models if spec in left}
     last: dict[str, dict[CallKey, SentAttempt]] = {}
-    if asked:
+    if pending:
         with Ledger(out / LEDGER, absent=True) as ledger:
-            last = {spec: dict(_of(ledger.attempts(spec), left[spec])) for spec in asked}
+            last = {spec: dict(_of(ledger.attempts(spec), left[spec])) for spec in pending}
     return [_unfinished_episodes(policy, len(worlds), last.get(policy)) for policy, worlds in left.items()]
 
 

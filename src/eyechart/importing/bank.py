@@ -374,14 +374,14 @@ def keep(table: SourceTable, choices: Choices) -> BankRows:
     """
     faults = table.faults
     faults.take(choices.wrong)
-    asked = {**choices.columns}
+    columns = {**choices.columns}
     if choices.mirror != "none" and choices.rig is None:
-        if asked.get("mirror"):
-            faults.add(f"--mirror and --map mirror={asked['mirror']} both say the mirror axis: leave out one")
-        asked.setdefault("mirror", "")
+        if columns.get("mirror"):
+            faults.add(f"--mirror and --map mirror={columns['mirror']} both say the mirror axis: leave out one")
+        columns.setdefault("mirror", "")
     kept = (*choices.prompt_columns, *(() if choices.rig is None else choices.rig.places().values()))
     own = (*(["gap"] if choices.threshold is None else []), *(["episode"] if choices.independent else []))
-    places = reading.places(asked, table, faults, rig=choices.rig, kept=kept, own=own)
+    places = reading.places(columns, table, faults, rig=choices.rig, kept=kept, own=own)
     _check_choices(choices, places, table, faults)
     past = RowsBefore(choices.history, places, table.name, faults) if choices.history else None
     log = _log(choices, places, table, faults)

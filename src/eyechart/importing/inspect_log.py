@@ -171,14 +171,14 @@ def _list(value: object, path: Path) -> list[object]:
 def _answered(where: str, sample: Mapping[str, Any]) -> ImportedAnswer:
     """Return a sample as an answer; raises SourceError, beginning with ``where``, for a fault."""
     metadata = sample.get("metadata")
-    asked = metadata if isinstance(metadata, dict) else {}
-    call = asked.get("call", sample.get("id"))
+    fields = metadata if isinstance(metadata, dict) else {}
+    call = fields.get("call", sample.get("id"))
     epoch = sample.get("epoch", 1)
     if not isinstance(call, str) or not call or not call.isprintable():
         raise SourceError(f"{where} has no call in its metadata: is it a sample of the task eyechart/battery?")
     if not isinstance(epoch, int) or isinstance(epoch, bool) or not 1 <= epoch <= MOST_REPEATS:
         raise SourceError(f"{where}: its epoch is {str(epoch)[:40]!r}, not a whole number from 1 to {MOST_REPEATS}")
-    frame, condition = (one if isinstance(one := asked.get(name), str) else None for name in ("frame", "condition"))
+    frame, condition = (one if isinstance(one := fields.get(name), str) else None for name in ("frame", "condition"))
     return ImportedAnswer(where, call, frame, condition, epoch - 1, None, _reply(sample, where))
 
 

@@ -124,9 +124,9 @@ class LoggedRows:
             if one.representation is not None:
                 found.append(Rotation(one.representation, first, of))
         wrong = [f"--rotation {fault}" for fault in self.faults(found)]
-        asked = [line for of in self.rows for line in self._undeclared(of, known)]
-        if wrong or asked:
-            raise SpecError("\n".join([*wrong, *asked]))
+        undeclared = [line for of in self.rows for line in self._undeclared(of, known)]
+        if wrong or undeclared:
+            raise SpecError("\n".join([*wrong, *undeclared]))
         state = sorted(one.first for one in found if one.of == "state")
         motion = sorted((one for one in found if one.of == "motion"), key=lambda one: one.first)
         pairs: Sequence[int | None] = state if len(state) == len(motion) else [None] * len(motion)

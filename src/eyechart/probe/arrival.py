@@ -170,7 +170,7 @@ async def apart(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) ->
     both answers must lack a colour. The server may also have exchanged the pictures, which is a
     note: then both calls reverse the colours, and the first picture gets the last one's colour.
     """
-    forms = {name: _form(picture, name) for name, picture in sample.asked[0][1].images.items()}
+    forms = {name: _form(picture, name) for name, picture in sample.questions[0][1].images.items()}
     if len(forms) < 2:
         return None, ""
     colours = _colours(seed)
@@ -233,8 +233,10 @@ def _left_out(
 
 async def _of_first(asker: Asker, forms: Mapping[str, Form], shown: Mapping[str, str], seed: int) -> str:
     """Return a note if the first of several pictures gets the last one's colour, else ""."""
-    asked = "Each picture shows a shape of one colour. Which colour is it in the first picture? Answer with one word: "
-    reply = await asker.ask(_of_several(forms, shown, seed, asked))
+    question = (
+        "Each picture shows a shape of one colour. Which colour is it in the first picture? Answer with one word: "
+    )
+    reply = await asker.ask(_of_several(forms, shown, seed, question))
     first, *_, last = shown.values()
     if reply.error is not None or _names(reply, first) or not _names(reply, last):
         return ""
@@ -253,10 +255,10 @@ def _is_turned(reply: Reply, colours: Sequence[str]) -> bool:
 _ALL = "Each picture shows a shape of one colour. Which colours are there? Answer with all, in the pictures' order: "
 
 
-def _of_several(forms: Mapping[str, Form], shown: Mapping[str, str], seed: int, asked: str = _ALL) -> Query:
+def _of_several(forms: Mapping[str, Form], shown: Mapping[str, str], seed: int, question: str = _ALL) -> Query:
     """Return a query with a picture for each camera: a shape of that camera's colour."""
-    asked = f"{asked}{', '.join(CHOICES['colour'])}."
-    query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
+    question = f"{question}{', '.join(CHOICES['colour'])}."
+    query, dice = plain(question, seed), random.Random(seed)  # noqa: S311 - no secret
     images = {name: in_form(draw("colour", shown[name], dice), form) for name, form in forms.items()}
     return replace(query, stimulus=replace(query.stimulus, images=images))
 
@@ -295,7 +297,7 @@ def _lost(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuestion])
 
 def form_of(sample: Sample) -> Form | None:
     """Return the form of a run's largest picture, None where it shows none."""
-    forms = [_form(picture, name) for _, seen in sample.asked for name, picture in seen.images.items()]
+    forms = [_form(picture, name) for _, seen in sample.questions for name, picture in seen.images.items()]
     return max(forms, key=lambda form: form.wide * form.high, default=None)
 
 

@@ -240,9 +240,9 @@ async def look(asker: Asker, seed: int, *, spare: int = 0) -> SightAnswers:
     It ends early at an error that every call would meet, or if pictures are refused. Repeats of the
     first question leave ``spare`` calls for the caller.
     """
-    sight, asked = SightAnswers(), questions(seed)
+    sight, series = SightAnswers(), questions(seed)
     try:
-        for number, question in enumerate(asked):
+        for number, question in enumerate(series):
             reply = await asker.ask(_query(question.words, question.picture, seed, number))
             sight.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
             if number == 1 and all(shot.reply.error is not None for shot in sight.shots):
@@ -261,8 +261,8 @@ async def look(asker: Asker, seed: int, *, spare: int = 0) -> SightAnswers:
     return sight
 
 
-def _query(asked: str, picture: bytes | None, seed: int, number: int) -> Query:
-    return plain(asked, key_seed("probe", seed, number), picture=picture)
+def _query(words: str, picture: bytes | None, seed: int, number: int) -> Query:
+    return plain(words, key_seed("probe", seed, number), picture=picture)
 
 
 def picture_counts(tokens: int | None) -> bool | None:

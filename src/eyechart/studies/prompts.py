@@ -185,10 +185,10 @@ def plan(
             name = f"{Path(prompt).stem if prompt.endswith('.toml') else prompt}{factor.suffix}"
             if name in cells:
                 raise SpecError(f"the cell '{name}' is given twice; give each prompt and setting once")
-            asked = [factor.applied(mode) for mode in modes]
+            applied = [factor.applied(mode) for mode in modes]
             cells[name] = battery.plan(
                 bank_path,
-                asked,
+                applied,
                 out / name,
                 prompt=prompt,
                 conditions=conditions,
@@ -324,8 +324,8 @@ def _of_batteries(scored: Mapping[str, battery.BatteryScore]) -> tuple[CellScore
 
 
 def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> list[CellScore]:
-    asked = [(name, one) for name, one in named if spec in one.models]
-    found = [_statistics(one.models[spec]) for _, one in asked]
+    scored = [(name, one) for name, one in named if spec in one.models]
+    found = [_statistics(one.models[spec]) for _, one in scored]
     corrected = {test: holm([statistics[test].p for statistics in found]) for test in DEPENDENCE}
     return [
         CellScore(
@@ -341,7 +341,7 @@ def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> l
             took=one.accounting[spec][ALL],
             guards=one.guards[spec],
         )
-        for place, ((name, one), statistics) in enumerate(zip(asked, found, strict=True))
+        for place, ((name, one), statistics) in enumerate(zip(scored, found, strict=True))
     ]
 
 

@@ -343,9 +343,9 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
     found, said = evidence.statistics, list[str]()
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         said.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
-        asked = {name: evidence.replies[name] for name in ("real", *MOVED) if evidence.replies.get(name)}
-        silent = [name for name, replies in asked.items() if not replies.get(DECIDED)]
-        if silent and any(name in asked for name in MOVED):
+        tallies = {name: evidence.replies[name] for name in ("real", *MOVED) if evidence.replies.get(name)}
+        silent = [name for name, replies in tallies.items() if not replies.get(DECIDED)]
+        if silent and any(name in tallies for name in MOVED):
             said.append(f"decisions on {', '.join(silent)} would test it")
         elif evidence.gap:
             need = episodes_needed(evidence.scenarios, alpha=ALPHA)

@@ -190,17 +190,17 @@ def _turns_needed(swap: Statistic) -> str:
 
 def _not_depth(evidence: Evidence) -> WhyNot:
     """Say what was not shown of a model that brakes harder for the nearer lead."""
-    found, asked, name = evidence.statistics, evidence.replies, "depth_interventional"
+    found, replies, name = evidence.statistics, evidence.replies, "depth_interventional"
     if found[name].p is None:
         settle = f"decisions on more of its pictures: {found[name].note}"
-        if all(asked.get(moved) for moved in MOVED):
+        if all(replies.get(moved) for moved in MOVED):
             settle = f"decisions on {', '.join(MOVED)}: {found[name].note}"
-        elif missing := tuple(one for one in (*MOVED, *STAGE) if one not in asked):
+        elif missing := tuple(one for one in (*MOVED, *STAGE) if one not in replies):
             return _by_pictures("depth", name, evidence, missing, "an answer")
         return WhyNot("depth", name, found[name], "an answer", settle)
     clause = next(one for one in UNSHOWN if one.holds(found) is not True)
     one = clause.read(found)
-    missing = tuple(name for name in clause.conditions if name not in asked)
+    missing = tuple(name for name in clause.conditions if name not in replies)
     if clause.outcome(found) is None and missing:
         return _by_pictures("depth", clause.statistic, evidence, missing, "an answer")
     settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"

@@ -254,14 +254,14 @@ def stop_early(
 ) -> EarlyStopOutcome:
     """Follow a controller's answers until they settle; compare with the full battery's labels."""
     answers, given = sampled(answers, seed), dict[tuple[str, str], Decision[str]]()
-    asked: dict[str, list[str]] = {frame.id: [] for frame in answers.frames}
+    conditions: dict[str, list[str]] = {frame.id: [] for frame in answers.frames}
     for name, column in answers.decisions.items():
         if counterfactuals or name not in {*COUNTERFACTUALS, *CONTROLS}:
             for frame, one in zip(answers.frames, column, strict=True):
                 if one is not None:
                     given[frame.id, name] = one
-                    asked[frame.id].append(name)
-    by_frame = {frame: tuple(names) for frame, names in asked.items()}
+                    conditions[frame.id].append(name)
+    by_frame = {frame: tuple(names) for frame, names in conditions.items()}
     layout = layout_of(answers.frames, by_frame, DRIVING, seed)
     course = StoppingState(replace(layout, whole=WholeRun(answers.gap, seed=seed)))
     course.advance(given)

@@ -287,8 +287,8 @@ def read_answers(
     Where the bank records no episodes, its gap is read only if the frames were declared
     ``independent``.
     """
-    asked = frozenset(plan.asked(model))
-    wanted = ((key, reply) for key, reply in replies if key.condition in asked)
+    conditions = frozenset(plan.conditions_of(model))
+    wanted = ((key, reply) for key, reply in replies if key.condition in conditions)
     return _answers(
         model, plan, *read_columns(wanted, plan.frames, plan.read), independent=independent, has_text=has_text
     )
@@ -301,8 +301,8 @@ def answers_in(
 
     Of answers made elsewhere the ledger's order is that of their file, so theirs is unknown.
     """
-    asked, rows = frozenset(plan.asked(model)), attempts.last(model)
-    shown = np.array([name in asked for name in attempts.names["condition"]], dtype=np.bool_)
+    names, rows = frozenset(plan.conditions_of(model)), attempts.last(model)
+    shown = np.array([name in names for name in attempts.names["condition"]], dtype=np.bool_)
     place = attempts.places(plan.places)[attempts.codes["frame"][rows]]
     kept = shown[attempts.codes["condition"][rows]] & (place >= 0)
     rows, place = rows[kept], place[kept]

@@ -57,8 +57,8 @@ def frames_shown(
 ) -> tuple[tuple[int, ...], ...]:
     """Return, run by run, the numbers of the frames that the page lists."""
     every = sum(len(run.frames) for run in evidence)
-    asked = sum(len(run.frames) * len(run.conditions) * len(run.score.models) for run in evidence)
-    part = min(1.0, frames / max(1, every), calls / max(1, asked))
+    planned = sum(len(run.frames) * len(run.conditions) * len(run.score.models) for run in evidence)
+    part = min(1.0, frames / max(1, every), calls / max(1, planned))
     found = []
     for run in evidence:
         kept = {frame.id for frame in spread(run.frames, max(1, int(part * len(run.frames))))} if run.frames else set()

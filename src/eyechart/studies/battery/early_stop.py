@@ -104,7 +104,7 @@ class QuestionOrder:
 
     frames: tuple[Frame, ...]
     order: tuple[str, ...]
-    asked: Mapping[str, tuple[str, ...]]
+    conditions: Mapping[str, tuple[str, ...]]
     space: Discrete
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     whole: WholeRun = WholeRun()
@@ -112,7 +112,7 @@ class QuestionOrder:
     @cached_property
     def shown(self) -> frozenset[str]:
         """Return all conditions that any frame may be shown under."""
-        return frozenset(name for one in (self.asked, self.controls) for names in one.values() for name in names)
+        return frozenset(name for one in (self.conditions, self.controls) for names in one.values() for name in names)
 
     def walks(self, label: str | None) -> tuple[SequentialTest, ...]:
         """Return the walks of a label that the frames allow.
@@ -133,7 +133,7 @@ class QuestionOrder:
     @property
     def planned(self) -> int:
         """Return the number of calls."""
-        return sum(map(len, self.asked.values()))
+        return sum(map(len, self.conditions.values()))
 
 
 def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space: Discrete, seed: int) -> QuestionOrder:
@@ -142,11 +142,11 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
     Each frame's place in the order comes from the seed and its own id.
     """
     order = shuffled_order([frame.id for frame in frames], seed)
-    asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
+    conditions = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
     shown = {name for names in every.values() for name in names}
     may = set(CONTROLS) & {ABSENT, *((*ALONG, *FURTHER) if shown >= ALONG else ())}
     controls = {frame: tuple(name for name in names if name in may) for frame, names in every.items()}
-    return QuestionOrder(tuple(frames), tuple(order), asked, space, controls if any(controls.values()) else {})
+    return QuestionOrder(tuple(frames), tuple(order), conditions, space, controls if any(controls.values()) else {})
 
 
 @dataclass
@@ -209,7 +209,9 @@ class StoppingState:
     @property
     def _complete(self) -> bool:
         """Return whether the first walk has counted every call of the run's first stage."""
-        return all((frame, name) in self.counted for frame, asked in self.layout.asked.items() for name in asked)
+        return all(
+            (frame, name) in self.counted for frame, conditions in self.layout.conditions.items() for name in conditions
+        )
 
     @property
     def _scored(self) -> bool:
@@ -217,20 +219,20 @@ class StoppingState:
 
     def wanted(self, frame: str) -> tuple[str, ...]:
         """Return the wanted conditions of a frame that does not count yet."""
-        asked = self.layout.asked[frame]
+        conditions = self.layout.conditions[frame]
         if self.is_exhausted:
-            return asked
+            return conditions
         if walk := self._walk:
             names = walk.conditions | ({"mirrored"} if self._turns_again else set())
-            return tuple(name for name in (*asked, *self.layout.controls.get(frame, ())) if name in names)
+            return tuple(name for name in (*conditions, *self.layout.controls.get(frame, ())) if name in names)
         if self._first:
             return ()
         if self.label is None:
-            return asked
+            return conditions
         still = set() if self._scored else {"real", "real_repeat"}
-        if self._turns_asked and self.lateral is None and "mirrored" in asked:
+        if self._turns_asked and self.lateral is None and "mirrored" in conditions:
             still |= {"real", "mirrored"}
-        return tuple(name for name in asked if name in still)
+        return tuple(name for name in conditions if name in still)
 
     @property
     def _turns_again(self) -> bool:
@@ -358,10 +360,10 @@ class Progress:
 
 def layout_for(plan: Plan, model: str) -> QuestionOrder:
     """Return a plan's calls of a model."""
-    asked: dict[str, list[str]] = {frame.id: [] for frame in plan.frames}
+    conditions: dict[str, list[str]] = {frame.id: [] for frame in plan.frames}
     for key in plan.keys_of(model):
-        asked[key.frame].append(key.condition)
-    by_frame = {frame: tuple(names) for frame, names in asked.items()}
+        conditions[key.frame].append(key.condition)
+    by_frame = {frame: tuple(names) for frame, names in conditions.items()}
     layout = layout_of(plan.frames, by_frame, plan.bank.manifest.action_space, plan.seed)
     return replace(layout, whole=WholeRun.of(plan.bank.manifest, plan.seed))
 
@@ -379,11 +381,11 @@ class EarlyStop(Stages):
         self.courses: dict[str, StoppingState] = {}
         for model in plan.models:
             course = StoppingState(layout_for(plan, model))
-            asked = {(key.frame, key.condition) for key in plan.keys_of(model)}
+            planned = {(key.frame, key.condition) for key in plan.keys_of(model)}
             self._given[model] = given = {
                 (key.frame, key.condition): plan.read(key, reply)
                 for key, reply in ledger.replies(model)
-                if reply.error not in UNFINISHED and (key.frame, key.condition) in asked
+                if reply.error not in UNFINISHED and (key.frame, key.condition) in planned
             }
             course.advance(given)
             self.courses[model] = course
@@ -442,12 +444,12 @@ class EarlyStop(Stages):
         return left
 
 
-def typical(asked: QuestionOrder) -> dict[str, int]:
+def typical(layout: QuestionOrder) -> dict[str, int]:
     """Return the calls of a model of each kind that never contradicts itself, by early label."""
     result = {}
     for label in (rule.label for rule in EARLY.rules if rule.label != NOT_YET):
-        course = StoppingState(asked)
-        course.advance(_unwavering(label, asked))
+        course = StoppingState(layout)
+        course.advance(_unwavering(label, layout))
         stopped = course.stopped(len(course.counted))
         if stopped is not None and stopped.label == label:
             result[label] = stopped.calls
@@ -473,7 +475,7 @@ def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], D
     }
     found = {
         (frame, name): answers[label].get(name, Decision(go))
-        for frame, names in layout.asked.items()
+        for frame, names in layout.conditions.items()
         for name in (*names, *layout.controls.get(frame, ()))
     }
     return found | (dict.fromkeys(_nearer(layout) & found.keys(), other) if label == "depth" else {})

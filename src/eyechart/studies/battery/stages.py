@@ -127,7 +127,7 @@ def asked_of_model(
         statistics = LazyStatistics(
             CalibratedTests(part, Resampling(seed=plan.seed), sure).tests()
         )  # however the run is scored
-        wanted = controls_wanted(statistics, supplied=may, asked=judged) if may else ()
+        wanted = controls_wanted(statistics, supplied=may, conditions_run=judged) if may else ()
         wanted = wanted or next_steps(part, series)
         if not wanted:
             return ControlProgress(judged, ended=True)
@@ -138,8 +138,8 @@ def asked_of_model(
 
 def _is_older(plan: Plan, model: str, finished: Finished) -> bool:
     """Return whether an older version ran the model: all lead_absent calls, no repeats."""
-    asked = replace(plan, controls={model: (ABSENT, AGAIN)}).cells(model)
-    absent, again = ({at: cells for at, cells in asked.items() if at[0] == name} for name in (ABSENT, AGAIN))
+    cells = replace(plan, controls={model: (ABSENT, AGAIN)}).cells(model)
+    absent, again = ({at: cells for at, cells in cells.items() if at[0] == name} for name in (ABSENT, AGAIN))
     return not lacking(absent, finished) and lacking(again, finished) == sum(int(one.sum()) for one in again.values())
 
 

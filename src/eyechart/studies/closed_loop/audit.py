@@ -124,7 +124,7 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
 
 def in_table(drives: Drives) -> bool:
     """Return whether a driver is a model with real pictures: a row of Table t:degeneracy."""
-    return bool(drives.asked and drives.driver.condition == "real")
+    return bool(drives.is_model and drives.driver.condition == "real")
 
 
 def corrected(rows: Sequence[Degeneracy]) -> list[Degeneracy]:
@@ -262,8 +262,8 @@ def _share(information: Statistic, entropy: Statistic) -> Statistic:
 
 def _demand(step: Step) -> str | None:
     """Return the safety policy's action (the truth's column ``demand``)."""
-    asked = step.truth.get("demand")
-    return asked if isinstance(asked, str) else None
+    demand = step.truth.get("demand")
+    return demand if isinstance(demand, str) else None
 
 
 def _oracle(step: Step) -> str | None:
@@ -309,9 +309,9 @@ def replays(drives: Drives, *, resamples: int = 5000) -> list[ReplayComparison]:
     """Return a driver's comparison with each controller that the truth allows, by decisions."""
     result = []
     for name, controller in CONTROLLERS.items():
-        asked = [controller(step) for step in drives.steps]
-        if any(one is not None and one in drives.space.actions for one in asked):
-            whole = np.array([one or "" for one in asked], dtype=np.str_)
+        demanded = [controller(step) for step in drives.steps]
+        if any(one is not None and one in drives.space.actions for one in demanded):
+            whole = np.array([one or "" for one in demanded], dtype=np.str_)
             decided = (drives.actions != "") & (whole != "")
             actions, wanted, worlds = drives.actions[decided], whole[decided], drives.world_of[decided]
             seed = key_seed("replay", drives.driver.simulator, drives.driver.policy, drives.driver.condition, name)
@@ -331,9 +331,9 @@ def _agreement(hits: NDArray[np.bool_], worlds: NDArray[np.str_]) -> Statistic:
     return replace(rate(int(hits.sum()), len(hits)), note=statistic.note) if statistic.ci is None else statistic
 
 
-def _shuffled(actions: NDArray[np.str_], asked: NDArray[np.str_], seed: int, resamples: int) -> Statistic:
+def _shuffled(actions: NDArray[np.str_], demanded: NDArray[np.str_], seed: int, resamples: int) -> Statistic:
     """Return how often the same decisions agree in random order."""
-    names, codes = np.unique(np.concatenate([actions, asked]), return_inverse=True)
+    names, codes = np.unique(np.concatenate([actions, demanded]), return_inverse=True)
     table = np.zeros((len(names), len(names)), dtype=np.int64)
     np.add.at(table, (codes[: len(actions)], codes[len(actions) :]), 1)
     return permute_agreement(table, seed=seed, resamples=resamples)

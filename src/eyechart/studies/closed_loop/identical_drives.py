@@ -60,8 +60,8 @@ def repeated_requests(drives: Drives) -> RepeatedRequests | None:
     """
     first: dict[str, Reply] = {}
     again: list[tuple[Reply, Reply]] = []
-    for _, reply, asked in drives.replies:
-        if reply.error is None and asked and (before := first.setdefault(asked, reply)) is not reply:
+    for _, reply, request in drives.replies:
+        if reply.error is None and request and (before := first.setdefault(request, reply)) is not reply:
             again.append((before, reply))
     if len(again) < FEWEST_REPEATS:
         return None
@@ -117,7 +117,7 @@ class ReplyComparison:
 def wording(one: Drives, other: Drives, worlds: Sequence[str]) -> ReplyComparison:
     """Return the comparison of two drivers' replies in some worlds, from their ledgers."""
     mine, theirs = (
-        {frame: (reply, asked) for frame, reply, asked in each.replies if frame.rpartition("/")[0] in worlds}
+        {frame: (reply, request) for frame, reply, request in each.replies if frame.rpartition("/")[0] in worlds}
         for each in (one, other)
     )
     both = sorted(mine.keys() & theirs.keys())
@@ -216,11 +216,11 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     constant = all(_modal(each)[1] >= MODAL_CONSTANT for each in (mine, theirs))
     if mine != theirs:
         declared = commands_of(one)
-        asked = [(declared.get(a, a), declared.get(b, b)) for a, b in zip(mine, theirs, strict=True)]
-        return ALIASED if all(a == b for a, b in asked) else NO_EFFECT
+        actions = [(declared.get(a, a), declared.get(b, b)) for a, b in zip(mine, theirs, strict=True)]
+        return ALIASED if all(a == b for a, b in actions) else NO_EFFECT
     if constant:
         return CONVERGED
-    if not (one.asked and other.asked):
+    if not (one.is_model and other.is_model):
         return SCRIPTED if one.driver.policy != other.driver.policy else REPEATS
     return _kind_of_models(one, other, worlds)
 
@@ -309,7 +309,7 @@ def _no_effect(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 def _repeats(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
-    if not any(one.asked for one in group):
+    if not any(one.is_model for one in group):
         return "a policy that calls no model makes the same decisions again, as it should."
     return (
         "the same model makes the same decisions again. Without sampling that is expected; with sampling it would "
@@ -319,7 +319,7 @@ def _repeats(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
-    scripted = [one.driver.label for one in group if not one.asked]
+    scripted = [one.driver.label for one in group if not one.is_model]
     if len(scripted) == len(group):
         return "none of them calls a model: in these worlds their rules give the same actions."
     return f"the decisions are those of {' and '.join(scripted)}, which calls no model: one rule, no cache."

@@ -210,8 +210,8 @@ def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
 
 def degeneracy_audit(score: ClosedLoopScore) -> list[Degeneracy]:
     """Return the audit of models with real pictures, as in Table t:degeneracy and figure fgr:mi."""
-    asked = {drive.driver for drive in score.drives if in_table(drive)}
-    return [degeneracy for degeneracy in score.audit if degeneracy.driver in asked]
+    listed = {drive.driver for drive in score.drives if in_table(drive)}
+    return [degeneracy for degeneracy in score.audit if degeneracy.driver in listed]
 
 
 def baselines_table(rungs: Sequence[LadderRow]) -> Table:

@@ -218,7 +218,7 @@ def groups(score: HierarchyScore) -> tuple[list[StripGroup], list[str]]:
     found, notes = [], []
     with style():
         for ablation in ("primary", "second"):
-            driven = [one.driver for part in _parts(ablation) for one in score.drives.get(part, ()) if one.asked]
+            driven = [one.driver for part in _parts(ablation) for one in score.drives.get(part, ()) if one.is_model]
             planners = list(dict.fromkeys(one.policy for one in driven))
             if len(planners) > MOST_PLANNERS:
                 notes.append(f"Ways of {MOST_PLANNERS} of {len(planners)} planners are drawn; the tables have all.")

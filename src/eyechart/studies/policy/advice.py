@@ -109,8 +109,8 @@ def _of_failures(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice
 
 def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
     """Yield the conditions that a channel's label needs, the bank can show and the run lacks."""
-    able, asked = conditions_of(score.bank)[0], score.manifest.conditions
-    yield from (name for name in _needed(channel) if name in able and name not in asked)
+    able, planned = conditions_of(score.bank)[0], score.manifest.conditions
+    yield from (name for name in _needed(channel) if name in able and name not in planned)
 
 
 def _needed(channel: str) -> Iterator[str]:

@@ -159,7 +159,7 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
             missing=model.motions.judged()[0],
             left=model.motions.planned - model.motions.finished,
             reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
-            asked=replace(unasked, failing=model.motions.fails_on),
+            left_out=replace(unasked, failing=model.motions.fails_on),
         )
         for spec, model in found.models.items()
     }

@@ -183,9 +183,9 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
     a step of an unknown policy.
     """
     checkpoints = [checkpoint for score in scores for checkpoint in _checkpoints(score, given or {})]
-    asked = {checkpoint.policy.model for checkpoint in checkpoints}
-    if unknown := [spec for spec in given or {} if spec not in asked]:
-        raise SpecError(f"--step names '{unknown[0]}', but the policies of these runs are {', '.join(sorted(asked))}")
+    models = {checkpoint.policy.model for checkpoint in checkpoints}
+    if unknown := [spec for spec in given or {} if spec not in models]:
+        raise SpecError(f"--step names '{unknown[0]}', but the policies of these runs are {', '.join(sorted(models))}")
     if len(checkpoints) < 2:
         raise SpecError("there is one policy, and nothing to compare it with; give a second run, or run several")
     _require_same_frames(checkpoints)

@@ -42,7 +42,7 @@ def plan(
     axis, and the bank a gap. `eyechart.studies.battery` counts, estimates, runs and resumes the
     plan. Raises BankError, SpecError or LedgerError as a battery's plan does.
     """
-    asked, models = open_models(specs)
+    modes, models = open_models(specs)
     bank = open_whole(bank_path)
     if bank.manifest.gap is None:
         raise BankError(f"the bank {bank.root} records no gap, so it is unknown which leads are close")
@@ -53,7 +53,7 @@ def plan(
     chosen = choose(bank, seed) if study == ADMISSION else ()
     manifest = RunManifest.begun(
         bank,
-        asked,
+        modes,
         {spec: (model.version, model.facts) for spec, model in models.items()},
         study=study,
         seed=seed,

@@ -48,7 +48,7 @@ class Figures:
         self._answers, self._space, self._how = answers, space, how
         self._frames = np.array(chosen, dtype=np.int64)
         self._real = [answers.estimates("real")[place] for place in chosen]
-        self._asked = np.array([mirrored[place] is not None for place in chosen], dtype=np.bool_)
+        self._has_mirrored = np.array([mirrored[place] is not None for place in chosen], dtype=np.bool_)
         self._mirrored = [answers.estimates("mirrored")[place] for place in chosen]
 
     def statistics(self) -> dict[str, Statistic]:
@@ -59,13 +59,13 @@ class Figures:
         actions = [self._act(one) for one in self._real if one is not None]
         turning = _flags(self._real, lambda one: self._act(one) in self._space.directional)
         counted = "counted on the frames as they are"
-        asked, also = self._asked.astype(np.float64), _given(self._mirrored).astype(np.float64)
+        mirrored, also = self._has_mirrored.astype(np.float64), _given(self._mirrored).astype(np.float64)
 
         def exchanged(estimate: Estimate, other: Estimate) -> bool:
             return self._space.reflect(self._act(estimate)) == self._act(other)
 
         return {
-            "parse": self._ratio(parsed.astype(np.float64) + also, 1.0 + asked),
+            "parse": self._ratio(parsed.astype(np.float64) + also, 1.0 + mirrored),
             "close_accuracy": self._share(right),
             "balanced_accuracy": self._balanced(right, close),
             "sensitivity": self._share(right, close),
@@ -134,7 +134,9 @@ class Figures:
         """Return the share of equal pairs over frames with a reflected call, or of a mask."""
         both = zip(self._real, self._mirrored, strict=True)
         hits = [one is not None and other is not None and equal(one, other) for one, other in both]
-        return self._share(np.array(hits, dtype=np.bool_), self._asked if of is None else self._asked & of)
+        return self._share(
+            np.array(hits, dtype=np.bool_), self._has_mirrored if of is None else self._has_mirrored & of
+        )
 
     def _mean(self, sums: Floats) -> Statistic:
         episodes = self._how.episodes
