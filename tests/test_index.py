@@ -252,7 +252,7 @@ def test_drives_the_hierarchy_and_prompts_have_verdicts_in_an_index(tmp_path: Pa
     for name in ("drives", "hierarchy", "prompts"):
         shutil.copytree(made / name, tmp_path / name)
     entries = read_index(tmp_path, READING, silent)
-    found = {one.study: one for one in entries if one.judged}
+    found = {one.study: one for one in entries if one.is_judged}
     assert found.keys() == {"drives", "hierarchy", "prompts"}
     assert found["prompts"].found.label.startswith("looks under") or "under none" in found["prompts"].found.label
     assert found["hierarchy"].found.estimate is not None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eyechart.calls import Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, TEXTS_KEPT, Attempts
-from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, made_elsewhere
+from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, is_made_elsewhere
 from eyechart.spaces.space import ending
 from eyechart.stats.forced_choice import fewer_p
 
@@ -93,7 +93,7 @@ class ServedGuard(Guard):
     differs: tuple[str, ...] = ()
 
     @property
-    def by_fingerprint(self) -> bool:
+    def is_by_fingerprint(self) -> bool:
         """Return whether only the server's fingerprint differs."""
         return self.differs == ("system_fingerprint",)
 
@@ -255,7 +255,7 @@ def guards_of(
     plain = rows[attempts.error(rows, [None])]
     outcomes = _outcomes(planned, _twice(attempts, rows), counted)
     constant, ends = _constant(attempts, model, plain), _Ends.of(attempts, plain)
-    if made_elsewhere(mode.spec):
+    if is_made_elsewhere(mode.spec):
         named = served.guards()
         return (
             *(Guard(name, None, words) for name, words in _ELSEWHERE.items()),
@@ -414,7 +414,7 @@ def _constant(attempts: Attempts, model: str, rows: Ints) -> Guard:
     """Return whether a model's replies without an error differ from each other."""
     empty, texts = _emptiness(attempts, rows), attempts.texts.get(attempts.code("model", model), frozenset())
     replies, aside = empty.came, f"; {empty.words}" if empty.thought else ""
-    if empty.whole:
+    if empty.is_whole:
         return Guard("degeneracy", False, empty.words)
     if replies < FEWEST:
         return Guard("degeneracy", None, f"{replies} replies are too few to call them constant{aside}")

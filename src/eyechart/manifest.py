@@ -150,7 +150,7 @@ class Manifest:
     def _require_mode(self, spec: str, other: Self) -> None:
         """Raise LedgerError if a model's request mode differs."""
         mine, theirs = self.mode(spec), other.mode(spec)
-        if mine.same_request(theirs):
+        if mine.is_same_request(theirs):
             return
         if mine.differs_in_address_only(theirs):
             raise LedgerError(
@@ -176,7 +176,7 @@ class Manifest:
         kept, facts, when = dict(self.modes), dict(self.facts), dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
         for mode in modes:
             before = kept.get(mode.spec)
-            if before is not None and not before.same_request(after := before.moved_to(mode)):
+            if before is not None and not before.is_same_request(after := before.moved_to(mode)):
                 known = facts.get(mode.spec, {})
                 said = f"{when} from {before.base_url or 'the usual address'} to {mode.base_url or 'the usual address'}"
                 facts[mode.spec] = {**known, MOVED: "; ".join([*_moves(known).values(), said])}

@@ -65,7 +65,7 @@ class Entry:
         return [name for name, value in self.settings if theirs.get(name) != value]
 
     @property
-    def judged(self) -> bool:
+    def is_judged(self) -> bool:
         """Return whether the run has a verdict on the model."""
         return bool(self.model) and self.found.label not in {NO_VERDICT.label, UNREAD}
 
@@ -265,7 +265,7 @@ def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[
     """Return the verdicts on each model of each kind, in order."""
     result: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
     for entry in entries:
-        if entry.judged:
+        if entry.is_judged:
             result.setdefault((entry.model, entry.counted), []).append(entry)
     return result
 
@@ -353,7 +353,7 @@ def runs_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -
 
 def models_table(entries: Sequence[Entry]) -> Table:
     """Return a row per model and a column per bank or simulator, with the newest verdict."""
-    judged = [entry for entry in entries if entry.judged]
+    judged = [entry for entry in entries if entry.is_judged]
     kinds = dict.fromkeys((entry.about, entry.study) for entry in judged)
     heads = {
         kind: kind[0] if [about for about, _ in kinds].count(kind[0]) == 1 else f"{kind[0]}, {kind[1]}"

@@ -237,5 +237,5 @@ def empty(runs: Iterable[Path]) -> RunEnding:
         with Ledger(run / LEDGER, absent=True) as ledger:
             for spec, one in emptiness(ledger).items():
                 found[spec] = found.get(spec, Emptiness()) + one
-    lines = [f"nothing can be judged: {spec}: {one.words}" for spec, one in found.items() if one.whole]
+    lines = [f"nothing can be judged: {spec}: {one.words}" for spec, one in found.items() if one.is_whole]
     return RunEnding(lines, int(bool(lines)))

@@ -186,7 +186,7 @@ class Plan:
             for condition, can in shown:
                 if can[place] and (condition not in few or frame.id in few[condition]):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
-                    if self.shard is None or in_shard(key, *self.shard):
+                    if self.shard is None or is_in_shard(key, *self.shard):
                         yield key
 
 
@@ -241,7 +241,7 @@ class MotionPlan(Plan):
                     most = (2 if model in self.seeded else 1) if condition == "real_repeat" else times
                     if repeat < most and self.shows(condition, frame):
                         key = CallKey(self.study, model, prompt, frame.id, condition, repeat)
-                        if self.shard is None or in_shard(key, *self.shard):
+                        if self.shard is None or is_in_shard(key, *self.shard):
                             yield key
 
 
@@ -267,7 +267,7 @@ def in_order(keys: Iterable[CallKey], seed: int) -> list[CallKey]:
     return found
 
 
-def in_shard(key: CallKey, index: int, count: int) -> bool:
+def is_in_shard(key: CallKey, index: int, count: int) -> bool:
     """Return whether a call is in shard ``index`` of ``count``, from 1; each is in one."""
     return key_seed("shard", *key) % count == index - 1
 

@@ -126,7 +126,7 @@ def test_an_oracle_is_admitted_without_an_error(
 def test_the_admission_set_is_balanced_seeded_and_recorded(admission: StructuredScore, bank: FrameBank) -> None:
     """Eight close frames and eight others that demand every action, the same for a seed, in the run's manifest."""
     frames = choose(bank, 0)
-    assert [bank.manifest.gap.near(frame) for frame in frames].count(True) == 8
+    assert [bank.manifest.gap.is_near(frame) for frame in frames].count(True) == 8
     assert {frame.truth["demand"] for frame in frames} == set(DRIVING.actions)
     assert admission.manifest.frames == tuple(frame.id for frame in frames)
     assert admission.as_dict()["frames"] == list(admission.manifest.frames)

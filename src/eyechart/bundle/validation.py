@@ -28,8 +28,8 @@ from eyechart.bundle.differences import (
     RoundedNumbers,
     compare_tables,
     compare_values,
+    is_same_writing,
     printable,
-    same_writing,
 )
 from eyechart.bundle.drives import ReplayCheck, RunCheck, check_drives, require_bounded_drives
 from eyechart.bundle.pages import Tolerance, compare_pages
@@ -218,7 +218,7 @@ def _recompute_parts(
             require_bounded_drives(part)
             if name in PARTS and read_episodes_manifest(part).simulator != PARTS[name].simulator:
                 raise BundleError(f"{here} is no part of the hierarchy: it is not driven in {PARTS[name].simulator}")
-            same = _same(recipe, "pillow", "zlib")
+            same = _has_same(recipe, "pillow", "zlib")
             mine = check_drives(part, exact=made is None, same_pictures=same, how=again, tell=tell)
             held |= {f"{here}/{file}" for file in OF_DRIVES}
         else:
@@ -265,7 +265,7 @@ def _check_calls(run: Path, recipe: Recipe, check: RunCheck, tell: Tell) -> tupl
             check.notes.append(f"{unchecked} replies are older than checksums: not checked")
         tell("checking the requests")
         requests, count, unlike = check_requests(
-            ledger, manifest, bank_used, same_encoder=_same(recipe, "pillow", "zlib")
+            ledger, manifest, bank_used, same_encoder=_has_same(recipe, "pillow", "zlib")
         )
     check.differences.extend(requests)
     frames = {key.frame for key in plan_of(manifest, bank_used).keys()}  # noqa: SIM118 - a plan is no mapping
@@ -300,7 +300,7 @@ def _compare_derived(
     if made:
         _compare_elsewhere(folder, made, derived, validation)
         return
-    strict = Tolerance(drawings=_same(recipe, "matplotlib"), pictures=_same(recipe, "pillow", "webp"))
+    strict = Tolerance(drawings=_has_same(recipe, "matplotlib"), pictures=_has_same(recipe, "pillow", "webp"))
     validation.differences.extend(_compare(folder, derived, strict))
     if not strict.drawings:
         validation.notes.append("of the drawings only the words were compared")
@@ -340,7 +340,7 @@ def _read_results(folder: Path) -> dict[str, object]:
     return printed
 
 
-def _same(recipe: Recipe, *libraries: str) -> bool:
+def _has_same(recipe: Recipe, *libraries: str) -> bool:
     here = drawn_with()
     return all(recipe.drawn_with.get(name) == here[name] for name in libraries)
 
@@ -368,7 +368,7 @@ def _compare_file(
             yield PrintedDifference(RESULTS, "no JSON", "the results")
             return
         yield from compare_values(printed, derived.results, rounding, _result_name)
-        if not same_writing(printed, texts[0], lambda values: as_json(values).decode()):
+        if not is_same_writing(printed, texts[0], lambda values: as_json(values).decode()):
             yield PrintedDifference(RESULTS, "written in another way", "as results are written")
     elif name == REPORT:
         yield from compare_pages(*texts, rounding, how)

@@ -194,7 +194,7 @@ class LabelCounts:
         return self._most(less=TRUE_OF_THESE)
 
     @property
-    def missed(self) -> bool:
+    def is_missed(self) -> bool:
         """Return whether a false label is too frequent, by more than two standard errors."""
         most = WANTED + 2 * np.sqrt(WANTED * (1 - WANTED) / self.draws)
         return any(one is not None and bool(one > most) for one in (self.seen, self.claimed))
@@ -519,7 +519,7 @@ def table(tried: Sequence[LabelCounts]) -> Table:
             one.false,
             one.seen,
             one.claimed,
-            "!" if one.missed else "",
+            "!" if one.is_missed else "",
         )
         for one in tried
     ]

@@ -298,7 +298,7 @@ def audit(
         print_json({"study": "closed_loop", **scored.audit_dict()})
     else:
         print_each(audit_printed(scored, twins=True), 160)
-    if scored.suspect:
+    if scored.is_suspect:
         raise typer.Exit(1)
 
 

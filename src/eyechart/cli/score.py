@@ -221,7 +221,7 @@ def compare(
     names = dict.fromkeys(name for run in runs for name in study.models(run))
     if (course := study.course(scores, reading)) is not None:
         print_json(course.as_dict()) if json else print_each(course.printed(), 200, names=names)
-        if not course.replicated:
+        if not course.is_replicated:
             raise typer.Exit(1)
         return
     if second is None:
@@ -231,7 +231,7 @@ def compare(
         scores = [study.score(run, reading) for run in runs]
     found = compared(*scores, resamples=resamples)
     print_json(found.as_dict()) if json else print_each(found.printed(every=every), names=names)
-    if not found.replicated:
+    if not found.is_replicated:
         raise typer.Exit(1)
 
 

@@ -683,7 +683,7 @@ def is_available(name: str, frame: Frame, source: Source | None = None) -> bool:
     return not ("axis" in row.needs and frame.mirror_axis == "none")
 
 
-def of_one_instant(name: str, bank: FrameBank) -> bool:
+def is_of_one_instant(name: str, bank: FrameBank) -> bool:
     """Return whether a bank with earlier instants has a condition's pictures, of one instant alone."""
     row = _row(name)
     names = {row.name, row.drawn} if "counterfactual" in row.needs or row.drawn else set[str]()

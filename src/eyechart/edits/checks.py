@@ -132,14 +132,14 @@ def _of_copy(scene: EditScene, place: CopyPlace, box: Box, photo: Photo, fit: Fi
     if photo.clear_to_m is not None and place.distance_m > photo.clear_to_m:
         return f"{metres} it is beyond clear_to_m, {photo.clear_to_m:g}"
     inside = max(min(box.x1, columns) - max(box.x0, 0.0), 0.0)
-    if inside < (1 - limits.out_of_picture) * (box.x1 - box.x0) or not _foot_is_seen(scene, box, limits):
+    if inside < (1 - limits.out_of_picture) * (box.x1 - box.x0) or not _shows_foot(scene, box, limits):
         return f"{metres} it leaves the picture, or the own vehicle hides its foot"
     if fit is not None and (wrong := _place_off(scene, scale, fit)) > limits.place_off:
         return f"{metres} its foot may be {wrong:.0%} off, as its foot in the photograph is off the bank's line"
     return _in_the_way(scene, place, box, limits)
 
 
-def _foot_is_seen(scene: EditScene, box: Box, limits: EditLimits) -> bool:
+def _shows_foot(scene: EditScene, box: Box, limits: EditLimits) -> bool:
     """Return whether the row on which a copy stands is in the picture, above the own vehicle."""
     rows, columns = scene.lead.mask.shape
     if box.y1 > rows:

@@ -120,7 +120,7 @@ class Episode:
         return sum(speeds) / len(speeds) if speeds and len(speeds) == len(self.steps) else None
 
     @property
-    def crashed(self) -> bool:
+    def has_crashed(self) -> bool:
         """Return whether any step ended in a crash."""
         return any(step.crashed for step in self.steps)
 
@@ -370,7 +370,7 @@ def _row(policy: str, condition: str, group: list[Episode]) -> EpisodeMeans:
         distance_m=_mean(episode.distance_m for episode in good),
         reward=fmean(episode.reward for episode in good) if good else None,
         speed_mps=_mean(episode.speed_mps for episode in good),
-        crash_rate=fmean(episode.crashed for episode in good) if good else None,
+        crash_rate=fmean(episode.has_crashed for episode in good) if good else None,
         without_decision=fmean(step.decision.action is None for step in steps) if steps else None,
     )
 

@@ -17,7 +17,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from eyechart.calls import Reply, misfit
+from eyechart.calls import Reply, invalid_field
 from eyechart.errors import BankError, GuardianError, encodable
 from eyechart.frames import encode, require_plain
 from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, interface_of
@@ -293,7 +293,7 @@ class Guardian:
         try:
             seed = key_seed("guardian", self.frozen.digest, spec, view)
             reply = await model.answer(self._interface.query(picture, seed))
-            if (wrong := misfit(reply)) is not None:
+            if (wrong := invalid_field(reply)) is not None:
                 return None, f"no reply: {wrong}"
             if reply.error is not None:
                 return None, f"{reply.error}: {reply.error_detail}"[:_WORDS]

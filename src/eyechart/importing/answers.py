@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import cast, get_args
 
-from eyechart.calls import MOST, ErrorKind, Reply, misfit
+from eyechart.calls import MOST, ErrorKind, Reply, invalid_field
 from eyechart.errors import SourceError, printable
 from eyechart.importing.cells import MOST_CELL, Cell, Progress, Row, plain_name, read_number
 from eyechart.importing.faults import Faults
@@ -142,7 +142,7 @@ def _reply(row: Row, where: str) -> Reply | None:
 def made_reply(text: str, fields: Mapping[str, object], where: str) -> Reply:
     """Return a reply of these values; raises SourceError for a value of a wrong type."""
     reply = Reply(text, **fields)  # type: ignore[arg-type]
-    if wrong := misfit(reply):
+    if wrong := invalid_field(reply):
         raise SourceError(f"{where}: {wrong}")
     return reply
 

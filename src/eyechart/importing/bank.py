@@ -278,7 +278,7 @@ def _kind_record(rig: reading.SensorLayout | None, kept: BankRows) -> dict[str, 
         if faults := LoggedRows.of(walks, places, every).faults(turns):
             raise SourceError("; ".join(f"--rig: a rotation of the {fault}" for fault in faults))
     evidence = tell_turned(walks, named, turns, len(columns))
-    against = evidence.against(rig.motion.kind)
+    against = evidence.contradicts(rig.motion.kind)
     said = [evidence.warning(rig.motion.kind, "[motion] of --rig")] if against else []
     return {KIND: {"by": "the rig says", "ratio": evidence.ratio, "said": said}}
 

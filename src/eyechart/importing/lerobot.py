@@ -390,7 +390,7 @@ def _with_kind(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[Senso
     evidence, units = tell_turned(walks, named, motion.rotations, len(columns)), in_degrees(walks, named)
     kind, by = _kind(evidence, ahead, named, units)
     said = [f"kind: {kind}, as {by}: {evidence.why()}{units}"]
-    if ahead.kind and evidence.against(kind):
+    if ahead.kind and evidence.contradicts(kind):
         said = [evidence.warning(kind, "--kind")]
     elif by == _BY_NAMES:
         said = [f"kind: {kind}, as {by}; the data do not tell ({evidence.why()}); --kind declares another"]

@@ -185,7 +185,7 @@ class LoggedRows:
                 if like:
                     taken |= window
                     names = [name.lower() for name in self.names[of][first : first + size]]
-                    like = "quat_wxyz" if size == 4 and _w_is_first(names) else like
+                    like = "quat_wxyz" if size == 4 and _has_w_first(names) else like
                     first_w = _OR.get(like, "")
                     named = self._named(of, first, size)
                     yield (
@@ -208,13 +208,13 @@ _OR = {
 """Other rotations that such numbers may be, by the likeliest."""
 
 
-def _w_is_first(names: Sequence[str]) -> bool:
+def _has_w_first(names: Sequence[str]) -> bool:
     return names[0].endswith("w") and not names[-1].endswith("w")
 
 
 def _contradicted(names: Sequence[str], representation: Representation) -> str:
     """Return how the names of numbers contradict a quaternion's order, "" if they do not."""
-    if representation == "quat_xyzw" and _w_is_first(names):
+    if representation == "quat_xyzw" and _has_w_first(names):
         return f"its first number is named '{names[0]}', as in quat_wxyz"
     if representation == "quat_wxyz" and names[-1].endswith("w") and not names[0].endswith("w"):
         return f"its last number is named '{names[-1]}', as in quat_xyzw"

@@ -132,21 +132,21 @@ def _same(
             continue
         shared = [key for key in own if key in other]
         looked = {shared[place * (len(shared) - 1) // (LOOKED_AT - 1)] for place in range(LOOKED_AT)}
-        if all(_alike(own[key], other[key], read) for key in looked):
+        if all(_are_alike(own[key], other[key], read) for key in looked):
             return drive
     return None
 
 
-def _alike(frame: Frame, other: Frame, read: Callable[[str], bytes]) -> bool:
+def _are_alike(frame: Frame, other: Frame, read: Callable[[str], bytes]) -> bool:
     """Return whether all cameras of two frames show the same."""
-    return all(_seen_alike(read(file), read(other.pictures[name])) for name, file in frame.pictures.items())
+    return all(_are_seen_alike(read(file), read(other.pictures[name])) for name, file in frame.pictures.items())
 
 
-def _seen_alike(one: bytes, other: bytes) -> bool:
-    return one == other or _level(decode(one, "a picture"), decode(other, "a picture"))
+def _are_seen_alike(one: bytes, other: bytes) -> bool:
+    return one == other or _are_level(decode(one, "a picture"), decode(other, "a picture"))
 
 
-def _level(one: RGB, other: RGB) -> bool:
+def _are_level(one: RGB, other: RGB) -> bool:
     """Return whether two pictures differ by no more than their encoding can."""
     if one.shape != other.shape:
         return False

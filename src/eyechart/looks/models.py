@@ -207,7 +207,7 @@ def _unseen(verdict: Verdict, mode: RequestMode) -> Iterator[str]:
 def _failed(wanted: LookRequest, evidence: Evidence) -> Iterator[str]:
     """Yield the number of calls that failed, and the first error, if no gate holds such a run."""
     count = evidence.reasons().get("error")
-    if not count and not evidence.unfinished:
+    if not count and not evidence.is_unfinished:
         return  # calls that failed and that its verdict did not need
     with Ledger(wanted.run / LEDGER) as ledger:
         found = [one for _, one in ledger.replies(wanted.spec) if one.error]

@@ -112,12 +112,12 @@ async def arrives(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) 
         return Fault("picture", f"pictures arrive in some calls only: {what}; {hint}")
     if _lost(alone, together) < LOST:
         return None
-    before, one_by_one = (f"{sum(shot.right for shot in shots)} of {len(shots)}" for shots in (alone, again))
+    before, one_by_one = (f"{sum(shot.is_right for shot in shots)} of {len(shots)}" for shots in (alone, again))
     if _lost(alone, again) >= LOST:
         what = f"pictures of this run's size ({form.words}) do not arrive as they are"
         named = f"{one_by_one} drawn ones are named rightly at this size, and {before} at 384×384"
         return Fault("picture", f"{what}: {named}; {form.another}")
-    at_once = f"{sum(shot.right for shot in together)} of {len(together)}"
+    at_once = f"{sum(shot.is_right for shot in together)} of {len(together)}"
     named = f"{at_once} are named rightly in parallel calls, and {one_by_one} one at a time"
     what = "the server mixes up the pictures of parallel calls"
     return Fault("picture", f"{what}: {named}; run with --concurrency 1, or repair the server")
@@ -129,8 +129,8 @@ def _flickers(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuesti
     Several servers at one address answer so, if one of them drops pictures.
     """
     both = list(zip(before, after, strict=True))
-    gone = sum(one.right and other.said == NONE for one, other in both)
-    back = sum(one.said == NONE and other.right for one, other in both)
+    gone = sum(one.is_right and other.said == NONE for one, other in both)
+    back = sum(one.said == NONE and other.is_right for one, other in both)
     return min(gone, back) >= FLICKERS
 
 
@@ -288,7 +288,7 @@ def _shots(questions: Sequence[AnsweredQuestion], replies: Sequence[Reply]) -> l
 def _lost(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuestion]) -> int:
     """Return the net loss of right answers, among calls that did not fail."""
     both = [
-        (question.right, other.right)
+        (question.is_right, other.is_right)
         for question, other in zip(before, after, strict=True)
         if other.reply.error is None
     ]

@@ -119,7 +119,7 @@ class _Probe:
         binds = await self._structure()
         *came, bare = await self._samples()
         empty = Emptiness.of(came)
-        if empty.whole:
+        if empty.is_whole:
             raise ProbeError(empty.words, asker.spent)
         self.notes += [empty.words] if empty.empty else []
         pinned = self._budget([*came, bare])

@@ -292,13 +292,13 @@ class _ProbeCalls:
         return len(self.replies)
 
     @property
-    def stopped(self) -> bool:
+    def is_stopped(self) -> bool:
         """Return whether the last calls failed in the same way."""
         return len(self.failed) >= ALIKE
 
     async def motion(self, seen: Stimulus) -> Decision[Motion]:
         """Return the answer to one stimulus; `_UNASKED` if no more calls are made."""
-        if self.made >= MOST_CALLS or self.stopped:
+        if self.made >= MOST_CALLS or self.is_stopped:
             return _UNASKED
         query: Query = self.frames.prompt.query(seen, 1, self.frames.space)
         self.tell(self.made + 1)
@@ -325,8 +325,8 @@ async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> 
         findings = [_motions(calls, [*order, *seen, *further.values()])]
         together = await calls.together([mine, theirs]) if "batch" in model.facts else []
         compared = [frames.compared(one) for one in order]
-        forms = await _formed(calls, further) if not _drawn(compared) else {}
-        more = await _tried_again(calls, compared, changed, further) if not _drawn(compared) else {}
+        forms = await _formed(calls, further) if not _is_drawn(compared) else {}
+        more = await _tried_again(calls, compared, changed, further) if not _is_drawn(compared) else {}
     finally:
         await close(model)
     if order[0].action is not None:
@@ -356,11 +356,11 @@ def _motions(calls: _ProbeCalls, answers: list[Decision[Motion]]) -> PolicyCheck
     errors = (f"it fails: {reply.error_detail}{given}" for reply in calls.replies if reply.error is not None)
     lacks = (calls.frames.space.lacks(reply) for reply in calls.replies)
     said = "; ".join(dict.fromkeys([*list(errors)[:1], *filter(None, lacks)]))
-    end = f". No more were made: the last {ALIKE} failed in the same way" if calls.stopped else ""
+    end = f". No more were made: the last {ALIKE} failed in the same way" if calls.is_stopped else ""
     return PolicyCheck("motions", False, f"{len(without)} of {len(made)} calls hold no motion: {said}{end}")
 
 
-def _drawn(order: list[Decision[Motion]]) -> bool:
+def _is_drawn(order: list[Decision[Motion]]) -> bool:
     """Return whether two successive answers to the same frame differ by more than rounding."""
     first, second, other, _ = (one.action for one in order)
     if first is None or second is None or other is None:
@@ -398,8 +398,8 @@ def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]],
         return PolicyCheck("batch", False, said)
     pairs = [(order[0].action, together[0].action), (order[2].action, together[1].action)]
     known = [(alone, shared) for alone, shared in pairs if alone is not None and shared is not None]
-    if len(known) < len(pairs) or _drawn(order):
-        why = "its answers are drawn at random" if _drawn(order) else "not every call returned a motion"
+    if len(known) < len(pairs) or _is_drawn(order):
+        why = "its answers are drawn at random" if _is_drawn(order) else "not every call returned a motion"
         return PolicyCheck("batch", None, f"whether a batch gets the answers of single calls is open: {why}")
     whole = _apart(known[0][0], known[1][0])
     size = max(_apart(alone, shared) for alone, shared in known)
@@ -442,7 +442,7 @@ def _reached(
 
     ``more`` has answers to further pairs of frames.
     """
-    first, other, drawn = order[0].action, order[2].action, _drawn(order)
+    first, other, drawn = order[0].action, order[2].action, _is_drawn(order)
     assert first is not None
     whole = 0.0 if other is None else _apart(first, other)
     rounds = any(one.action not in (first, None) for one in (order[1], order[3]))

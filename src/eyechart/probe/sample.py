@@ -45,7 +45,7 @@ class Sample:
         said = (" ".join(turn.words for turn in one.turns) for one in queries)
         return all(re.search(r"\bjson\b", words, re.IGNORECASE) for words in said)
 
-    def decided(self, reply: Reply) -> bool:
+    def is_decision(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""
         return self.space.read(reply).action is not None
 

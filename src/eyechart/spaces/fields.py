@@ -21,9 +21,9 @@ from eyechart.spaces.space import (
     READ_AT_MOST,
     UNPARSED,
     Decision,
+    is_too_deep,
     json_objects,
     refuses,
-    too_deep,
     unparsed,
     why_unanswered,
     without_thinking,
@@ -632,7 +632,7 @@ def _python_objects(text: str, json_spans: Sequence[tuple[int, int]]) -> list[tu
 
 
 def _python_pairs(text: str) -> _JsonPairs | None:
-    if too_deep(text):
+    if is_too_deep(text):
         return None
     try:
         made = ast.parse(text, mode="eval").body
@@ -831,7 +831,7 @@ def _has_rows(field: AnswerField, listed: list[object], rows: Sequence[list[obje
 def _listed(given: str) -> object:
     """Return the list that a text is, None if it is none."""
     text = given.strip(_AROUND).translate(_MINUS)
-    if _VECTOR.fullmatch(text) is None or len(text) > _OBJECT_AT_MOST or too_deep(text.replace("(", "[")):
+    if _VECTOR.fullmatch(text) is None or len(text) > _OBJECT_AT_MOST or is_too_deep(text.replace("(", "[")):
         return None
     try:
         return _plain_node(ast.parse(text, mode="eval").body)

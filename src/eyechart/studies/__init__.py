@@ -41,7 +41,7 @@ class CheckpointSeries(JsonRecord, Protocol):
     """The models of several runs in training order, and what changed from each to the next."""
 
     @property
-    def replicated(self) -> bool:
+    def is_replicated(self) -> bool:
         """Return whether nothing changed."""
 
     def printed(self) -> "Iterator[Table | str]":

@@ -83,7 +83,7 @@ class WhyNot:
         return f"what would settle it: {self.settle}"
 
 
-def below(p: float | None, alpha: float = ALPHA) -> bool:
+def is_below(p: float | None, alpha: float = ALPHA) -> bool:
     """Return whether a test was made and rejects."""
     return p is not None and p < alpha
 
@@ -93,7 +93,7 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     found, label, name = evidence.statistics, ruling.label, ruling.decided_by
     if label == "depth":
         return _not_lateral(found, lateral)
-    if evidence.stopped is not None and not evidence.stopped.whole:
+    if evidence.stopped is not None and not evidence.stopped.is_whole:
         return _stopped(evidence, label) if label in _EARLY else None
     made: dict[str, Callable[[], WhyNot]] = {
         "not_scorable": lambda: WhyNot(ANY, name, ruling.statistic, f"at most {UNPARSED_CUT}", _DECISIONS),
@@ -170,7 +170,7 @@ def _not_lateral(found: NamedStatistics, lateral: Ruling) -> WhyNot:
 
 def _not_clear(found: NamedStatistics, lateral: Ruling) -> WhyNot:
     """Say which test does not hold of turns that are exchanged."""
-    name = next((name for name in ("turns_clear", "turns_clear_within") if not below(found[name].p)), "")
+    name = next((name for name in ("turns_clear", "turns_clear_within") if not is_below(found[name].p)), "")
     if lateral.decided_by == "turns_against" or not name:
         return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, f"at most {MARGIN}", NOTHING)
     why = _by_test("depth_lateral", name, found)
@@ -245,7 +245,7 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     if is_refuted(statistics):
         return _by_clause("depth", next(one for one in REFUTING if one.holds(statistics) is False), statistics, NOTHING)
     first = observational if interventional.p is None else interventional
-    if below(first.p):
+    if is_below(first.p):
         return _by_file("depth", statistics)
     if interventional.p is not None:
         return _by_test("depth", "depth_interventional", statistics)
@@ -265,7 +265,7 @@ def _undecided(found: NamedStatistics, name: str, statistic: Statistic | None) -
         return _by_file("content", found)
     if name == "repeats_together":
         return _by_test("content", "content_shuffled", found)
-    label = "presence_only" if below(found["presence"].p) else "image_invariant"
+    label = "presence_only" if is_below(found["presence"].p) else "image_invariant"
     if statistic is None and name.startswith("bound_"):
         conditions = ("shuffled" if name == "bound_content_shuffled" else "blank",)
         settle = f"decisions on {', '.join(('real', 'real_repeat', *conditions))}"

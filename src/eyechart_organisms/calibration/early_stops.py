@@ -40,20 +40,20 @@ class Null:
     draw: Draw
 
 
-def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bool:
+def has_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bool:
     """Draw answers under a null; return whether its claim is ever settled in random frame order."""
     columns = {**_steady(frames), **null.draw(frames, rng)}
     one = claims(len(frames), DRIVING, columns, mirrored=True)[null.claim]
     order = list(range(len(frames)))
     rng.shuffle(order)
     for place in order:
-        if one.settled:
+        if one.is_settled:
             break
         given = {name: column[place] for name, column in columns.items()}
         one.add(
             FrameAnswers({name: Decision(a) if a else Decision(None, "refused") for name, a in given.items()}, DRIVING)
         )
-    return one.settled
+    return one.is_settled
 
 
 def _steady(frames: Sequence[Frame]) -> Columns:
@@ -211,7 +211,7 @@ NULLS: tuple[Null, ...] = (
 
 def count_rejections(frames: Sequence[Frame], rng: random.Random) -> list[int]:
     """Return the number of rejections of each of `NULLS` in `DRAWS` draws."""
-    return [sum(ever_rejected(null, frames, rng) for _ in range(DRAWS)) for null in NULLS]
+    return [sum(has_rejected(null, frames, rng) for _ in range(DRAWS)) for null in NULLS]
 
 
 MEASURED = ("default", "unequal", "ordered", "frames_96", "frames_288")

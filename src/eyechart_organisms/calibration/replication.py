@@ -270,7 +270,7 @@ def _outcome(
             counterfactuals=counterfactuals,
             exchanges=setting.exchanges,
             scenarios=len(set(answers.scenarios.tolist())),
-            varied=_varied(answers, counterfactuals=counterfactuals),
+            varied=_has_varied(answers, counterfactuals=counterfactuals),
         )
         statistics = found if counterfactuals else without_counterfactuals(answers, found)
         label = verdicts.calibrated_rules(statistics, turns=verdicts.earns_lateral(statistics, lateral))[0].label
@@ -288,7 +288,7 @@ def _outcome(
     )
 
 
-def _varied(answers: Answers, *, counterfactuals: bool) -> bool:
+def _has_varied(answers: Answers, *, counterfactuals: bool) -> bool:
     """Return whether a controller gave more than one answer over all conditions of a bank."""
     first = answers.responses("real")[0]
     drawn = (*COUNTERFACTUALS, *CONTROLS)

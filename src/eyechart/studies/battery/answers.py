@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.frames import Frame, Gap, Provenance
 from eyechart.ledger import Attempts
-from eyechart.modes import made_elsewhere
+from eyechart.modes import is_made_elsewhere
 from eyechart.run import Plan
 from eyechart.spaces.space import UNPARSED, AnySpace, Decision
 from eyechart.verdicts import DECIDED
@@ -317,7 +317,7 @@ def answers_in(
     answers = _answers(
         model, plan, dict(sorted(decisions.items())), finished, independent=independent, has_text=has_text
     )
-    return answers if made_elsewhere(model) else replace(answers, sent=sent)
+    return answers if is_made_elsewhere(model) else replace(answers, sent=sent)
 
 
 def _answers(

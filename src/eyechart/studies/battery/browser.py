@@ -78,14 +78,14 @@ def _calls_shown(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -
     return sum(len(places) * len(run.conditions) * len(run.score.models) for run, places in runs)
 
 
-def _heavy(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> bool:
+def _is_heavy(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> bool:
     """Return whether the replies about the shown frames are so long that the page packs them."""
     return texts.characters + _CALL * _calls_shown(evidence, shown) > PACKED_FROM
 
 
 def about_packed(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> int:
     """Return the estimated characters of the packed replies, by a sample; 0 if not packed."""
-    if not _heavy(evidence, shown, texts):
+    if not _is_heavy(evidence, shown, texts):
         return 0
     sample = [text[: texts.limit] for text in evenly(list(texts.numbers), _SAMPLE)]
     each = len(pack(sample)) / max(1, sum(map(len, sample)))
@@ -99,7 +99,7 @@ def packed_data(
     budget = BUDGET
     while True:
         data = browser_data(evidence, album, texts, shown)
-        if not _heavy(evidence, shown, texts):
+        if not _is_heavy(evidence, shown, texts):
             return texts, data, ""
         packed = pack({name: values for name, values in data.items() if name != "pictures"})
         if len(packed) <= room or budget < PACKED_FROM:

@@ -177,45 +177,45 @@ class StoppingState:
         self._judge()
 
     @property
-    def _first(self) -> bool:
+    def _is_first_done(self) -> bool:
         """Return whether the first walk is done: label, scorability and turns are settled."""
         ended = self.frames == len(self.layout.order)
         lateral = self.lateral is not None or not self._turns_asked or ended
-        return self.label is not None and self._scored and lateral
+        return self.label is not None and self._is_scored and lateral
 
     @property
     def _walk(self) -> SequentialTest | None:
         """Return the current walk, None before the first and after the last one."""
         walks = self.layout.walks(self.label)
-        return walks[self.passed] if self._first and self.passed < len(walks) else None
+        return walks[self.passed] if self._is_first_done and self.passed < len(walks) else None
 
     @property
     def place(self) -> int:
         """Return the number of the current walk; 0 before the first walk of the controls."""
-        return 1 + self.passed if self._first else 0
+        return 1 + self.passed if self._is_first_done else 0
 
     @property
-    def settled(self) -> bool:
+    def is_settled(self) -> bool:
         """Return whether the calls may end: the label and the lateral axis are settled."""
-        return self._first and self._walk is None and not self.failed and not self._complete
+        return self._is_first_done and self._walk is None and not self.failed and not self._is_complete
 
     @property
     def is_exhausted(self) -> bool:
         """Return whether a walk ended with nothing settled; then the whole run decides."""
-        if self._first:
-            return self.failed or self._complete
+        if self._is_first_done:
+            return self.failed or self._is_complete
         return self.frames == len(self.layout.order)
 
     @property
-    def _complete(self) -> bool:
+    def _is_complete(self) -> bool:
         """Return whether the first walk has counted every call of the run's first stage."""
         return all(
             (frame, name) in self.counted for frame, conditions in self.layout.conditions.items() for name in conditions
         )
 
     @property
-    def _scored(self) -> bool:
-        return self.label == "not_scorable" or self.claims["scorable"].settled
+    def _is_scored(self) -> bool:
+        return self.label == "not_scorable" or self.claims["scorable"].is_settled
 
     def wanted(self, frame: str) -> tuple[str, ...]:
         """Return the wanted conditions of a frame that does not count yet."""
@@ -225,11 +225,11 @@ class StoppingState:
         if walk := self._walk:
             names = walk.conditions | ({"mirrored"} if self._turns_again else set())
             return tuple(name for name in (*conditions, *self.layout.controls.get(frame, ())) if name in names)
-        if self._first:
+        if self._is_first_done:
             return ()
         if self.label is None:
             return conditions
-        still = set() if self._scored else {"real", "real_repeat"}
+        still = set() if self._is_scored else {"real", "real_repeat"}
         if self._turns_asked and self.lateral is None and "mirrored" in conditions:
             still |= {"real", "mirrored"}
         return tuple(name for name in conditions if name in still)
@@ -248,7 +248,7 @@ class StoppingState:
         ``given`` maps (frame, condition) to the decision.
         """
         order = self.layout.order
-        while not self.is_exhausted and not self.settled:
+        while not self.is_exhausted and not self.is_settled:
             walk = self._walk
             if walk and self.walked == len(order):
                 self._end(walk, given)
@@ -265,7 +265,7 @@ class StoppingState:
             self.walked += 1
             if walk.until:
                 self.claims[walk.until].add(row)
-                if self.claims[walk.until].settled:
+                if self.claims[walk.until].is_settled:
                     self.passed, self.walked = self.passed + 1, 0
 
     def _end(self, walk: SequentialTest, given: Mapping[tuple[str, str], Decision[str]]) -> None:
@@ -315,7 +315,7 @@ class StoppingState:
 
         ``finished`` counts the model's finished calls, including those after the stop.
         """
-        if not self.settled or self.label is None:
+        if not self.is_settled or self.label is None:
             return None
         lateral, by = self._sideways()
         whole, ruling = self.label == "depth", self._ruling(EARLY, self.claims)
@@ -331,7 +331,7 @@ class StoppingState:
             planned=self.layout.planned + self.layout.most(self.label),
             beyond=finished - len(self.counted),
             interventional="near_far" in self.claims,
-            with_it=() if whole else (*ruling.with_it, *scored),
+            other_claims=() if whole else (*ruling.other_claims, *scored),
         )
 
     def _sideways(self) -> tuple[str | None, str]:

@@ -22,8 +22,8 @@ from eyechart.conditions import (
     by_reason,
     find_condition,
     is_available,
+    is_of_one_instant,
     of_bank,
-    of_one_instant,
     require_camera,
     require_corruptible,
     require_partners,
@@ -465,7 +465,7 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
             left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
         elif not any(is_available(name, frame) for frame in bank):
             left_out[name] = "no frame has a mirror axis" if "axis" in needs else "no frame has its picture"
-            left_out[name] = ONE_INSTANT if of_one_instant(name, bank) else left_out[name]
+            left_out[name] = ONE_INSTANT if is_of_one_instant(name, bank) else left_out[name]
         else:
             try:
                 require_partners((name,), bank)

@@ -24,7 +24,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
 from eyechart.messages import Turn
 from eyechart.models.faults import is_of_the_road
-from eyechart.modes import ELSEWHERE, made_elsewhere
+from eyechart.modes import ELSEWHERE, is_made_elsewhere
 from eyechart.records import plain
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
@@ -122,7 +122,7 @@ class Questions:
     @property
     def is_unnamed(self) -> bool:
         """Return whether no run of eyechart makes these calls itself, so that any seed will do."""
-        return made_elsewhere(self.plan.models[0])
+        return is_made_elsewhere(self.plan.models[0])
 
     @property
     def conditions(self) -> dict[str, int]:

@@ -18,7 +18,7 @@ from eyechart.kept import kept
 from eyechart.ledger import COLUMNS, Attempts, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
-from eyechart.modes import made_elsewhere
+from eyechart.modes import is_made_elsewhere
 from eyechart.records import to_json_fields
 from eyechart.run import Plan, cells_of, lacking
 from eyechart.spaces.reader import READERS
@@ -159,7 +159,7 @@ class BatteryScore(CallsScore[ModelScore]):
                 directions=model.answers.directions(),
                 gap=model.answers.gap is not None,
                 scenarios=len({frame.scenario for frame in model.answers.frames}),
-                max_tokens=0 if made_elsewhere(spec) else self.manifest.mode(spec).max_tokens,
+                max_tokens=0 if is_made_elsewhere(spec) else self.manifest.mode(spec).max_tokens,
                 scope=self.scope(model),
                 stopped=model.stopped,
                 absent=absent,
@@ -176,7 +176,7 @@ class BatteryScore(CallsScore[ModelScore]):
         calls = {
             spec: f"{one.answered} of {one.planned} calls; controls may still follow"
             for spec, one in self.evidence().items()
-            if one.unfinished
+            if one.is_unfinished
         }
         return tuple(
             ModelStatistics(spec, self.bank.name, model.statistics, calls.get(spec, ""))
@@ -193,7 +193,7 @@ class BatteryScore(CallsScore[ModelScore]):
         who = f"{model.model}@{model.version}" if model else "each model"
         size = f"{counted(len(frames), 'frame')}, {episodes}"
         terms = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
-        if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
+        if any(is_made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
             terms = f"called elsewhere and not by eyechart{'' if model else ' where its name says so'}, {terms}"
         said = f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {terms}"
         return " ".join((said, *_made_in_words(bank)))
@@ -441,7 +441,7 @@ def _with_evidence(
         return statistics
     if stopped is None:
         return {**statistics, **course.statistics()}
-    kept = {stopped.lateral_by, *(READ if stopped.whole else ())}
+    kept = {stopped.lateral_by, *(READ if stopped.is_whole else ())}
     bare = {name: statistic if name in kept else _bare(statistic) for name, statistic in statistics.items()}
     return {**bare, **course.statistics()}
 

@@ -82,7 +82,7 @@ def _example(
     """
     run, places, uris = evidence[0], album.places[0], album.uris
     names = _compared(run)
-    alike = [one for one in evidence if _alike(run, one, names)]
+    alike = [one for one in evidence if _is_alike(run, one, names)]
     able = [one for one in everyone if any(one.run is each for each in alike)]
     who = _of_each(able, alike)[:MODELS_SHOWN]
     if not who or len(names) == 1:
@@ -113,7 +113,7 @@ def _beside(
     return more
 
 
-def _alike(first: Evidence, other: Evidence, names: Sequence[str]) -> bool:
+def _is_alike(first: Evidence, other: Evidence, names: Sequence[str]) -> bool:
     """Return whether a run has the frames of the first, under all of these conditions."""
     same = [frame.id for frame in first.frames] == [frame.id for frame in other.frames]
     bank = first.score.manifest.fingerprint == other.score.manifest.fingerprint

@@ -81,7 +81,9 @@ class Degeneracy:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        own = to_json_fields(self, "geometry constant label statistics holm_naive holm", missing=self.reasons)
+        own = to_json_fields(
+            self, "geometry label statistics holm_naive holm", constant=self.is_constant, missing=self.reasons
+        )
         return self.driver.as_dict() | own
 
     @property
@@ -90,7 +92,7 @@ class Degeneracy:
         return (self.statistics["distinct_actions"].value or 0) > 1
 
     @property
-    def constant(self) -> bool:
+    def is_constant(self) -> bool:
         """Return whether the policy is constant: a modal share of .98 or more."""
         modal = self.statistics["modal_share"].value
         return modal is not None and modal >= MODAL_CONSTANT
@@ -100,7 +102,7 @@ class Degeneracy:
         """Return the row's result: constant, follows the scene, varies only, or cannot say."""
         if self.statistics["modal_share"].value is None:
             return "no decisions"
-        if self.constant:
+        if self.is_constant:
             return "constant"
         if self.holm is None:
             return "cannot say"
@@ -114,7 +116,7 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
     another.
     """
     rows = [degeneracy(drive, resamples=resamples) for drive in drives]
-    table = [in_table(drive) for drive in drives]
+    table = [is_in_table(drive) for drive in drives]
     for family in (True, False):
         mine = [place for place, inside in enumerate(table) if inside == family]
         for place, row in zip(mine, corrected([rows[place] for place in mine]), strict=True):
@@ -122,7 +124,7 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
     return rows
 
 
-def in_table(drives: Drives) -> bool:
+def is_in_table(drives: Drives) -> bool:
     """Return whether a driver is a model with real pictures: a row of Table t:degeneracy."""
     return bool(drives.is_model and drives.driver.condition == "real")
 
@@ -152,7 +154,7 @@ def measured(
     """
     found = []
     for drive in drives:
-        if in_table(drive):
+        if is_in_table(drive):
             row = degeneracy(drive, resamples=resamples).statistics
             also = {name: row[mine] for name, mine in BITS.items()}
             who = drive.driver.policy

@@ -109,7 +109,7 @@ class ReplyComparison:
         return self.compared > 0 and self.same >= VERBATIM * self.compared
 
     @property
-    def beyond_decisions(self) -> bool:
+    def is_beyond_decisions(self) -> bool:
         """Return whether the same texts show more than the same decisions do."""
         return self.beyond >= FEWEST_REPEATS
 
@@ -178,7 +178,7 @@ class IdenticalEpisodes:
         }
 
 
-def same_drive(episode: Episode, other: Episode) -> bool:
+def is_same_drive(episode: Episode, other: Episode) -> bool:
     """Return whether two episodes of one world went the same way to the last digit.
 
     The decisions may differ.
@@ -199,7 +199,7 @@ def identical_groups(drives: Sequence[Drives]) -> list[IdenticalEpisodes]:
     pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in WHY}
     for one, other in itertools.combinations(drives, 2):
         common = sorted(one.by_world.keys() & other.by_world.keys())
-        if worlds := [world for world in common if same_drive(one.by_world[world], other.by_world[world])]:
+        if worlds := [world for world in common if is_same_drive(one.by_world[world], other.by_world[world])]:
             pairs[_kind(one, other, worlds)].setdefault(tuple(worlds), []).append((one, other))
     result = []
     for kind, by_worlds in pairs.items():
@@ -233,7 +233,7 @@ def _kind_of_models(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
         if mostly and comparison.is_verbatim and comparison.faster:
             return SUSPECT
         return REPEATS if one.driver.condition == other.driver.condition else COINCIDE
-    if mostly and comparison.is_verbatim and (comparison.beyond_decisions or comparison.faster):
+    if mostly and comparison.is_verbatim and (comparison.is_beyond_decisions or comparison.faster):
         return SUSPECT
     return ALIKE if mostly and (comparison.is_verbatim or not comparison.compared) else COINCIDE
 

@@ -105,9 +105,9 @@ class SuccessCriteria:
 
     with_goal: frozenset[tuple[str, str]]
 
-    def success(self, episode: Episode) -> bool:
+    def is_success(self, episode: Episode) -> bool:
         """Return whether an episode ended successfully, without a crash."""
-        if episode.crashed:
+        if episode.has_crashed:
             return False
         goal = (episode.key.simulator, episode.key.scenario) in self.with_goal
         return episode.ended == "goal" or (episode.ended == "time" and not goal)
@@ -169,8 +169,8 @@ def rung(drives: Drives, outcomes: SuccessCriteria) -> LadderRow:
             statistics[name] = not_available(UNTOLD)
             continue
         statistics[name] = mean_of_drives(values)
-    statistics["crash_rate"] = exact_rate(sum(episode.crashed for episode in episodes), len(episodes))
-    statistics["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
+    statistics["crash_rate"] = exact_rate(sum(episode.has_crashed for episode in episodes), len(episodes))
+    statistics["success_rate"] = exact_rate(sum(map(outcomes.is_success, episodes)), len(episodes))
     return LadderRow(drives.driver, statistics, len(drives.errors))
 
 
@@ -214,8 +214,8 @@ def paired(first: Drives, second: Drives, outcomes: SuccessCriteria, *, resample
         if tested.value is not None and (a != b).any():
             tested = replace(tested, note=tested.note or NO_INTERVAL)
         statistics[name] = tested
-    statistics["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])
-    statistics["success_rate"] = _binary(list(map(outcomes.success, one)), list(map(outcomes.success, other)))
+    statistics["crash_rate"] = _binary([each.has_crashed for each in one], [each.has_crashed for each in other])
+    statistics["success_rate"] = _binary(list(map(outcomes.is_success, one)), list(map(outcomes.is_success, other)))
     return PairedDifference(first.driver, second.driver, len(worlds), statistics, {})
 
 

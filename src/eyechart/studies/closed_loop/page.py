@@ -126,7 +126,7 @@ def opening(score: ClosedLoopScore) -> PageSummary:
         sentence = "Driving by sight was not tested: no driver drove the same worlds with other pictures too."
     else:
         sentence = parted(said, _ANSWERS, "drivers that were shown other pictures too")
-    others = "shuffled ones" if all(baseline.of_camera for baseline in comparisons.values()) else "others"
+    others = "shuffled ones" if all(baseline.is_of_camera for baseline in comparisons.values()) else "others"
     caption = f"Real pictures less {others}; right of the line: better with real ones. Filled: significant."
     return PageSummary(
         f"{sentence} {' '.join(_best(score))}".strip(),
@@ -138,7 +138,7 @@ def opening(score: ClosedLoopScore) -> PageSummary:
 
 def _found(baseline: BlindBaseline) -> str:
     """Return the finding of a comparison in words, with the subject of a difference."""
-    what = baseline.asks if baseline.of_pictures else "the timing of its actions matters"
+    what = baseline.asks if baseline.is_of_pictures else "the timing of its actions matters"
     return f"differs: {what}" if baseline.finding == DIFFERS else SIGHT[baseline.finding].says
 
 

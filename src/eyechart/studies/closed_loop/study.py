@@ -148,7 +148,7 @@ class ClosedLoopScore:
         return measured(self.drives, lacking, resamples=self.resamples)
 
     @property
-    def suspect(self) -> bool:
+    def is_suspect(self) -> bool:
         """Return whether anything points to a cache."""
         return any(twin.kind == SUSPECT for twin in self.twins) or any(repeat.suspect for repeat in self.repeats)
 

@@ -50,7 +50,7 @@ class VoteProvenance:
     voting: int | None = None
 
     @property
-    def lax(self) -> bool:
+    def is_lax(self) -> bool:
         """Return whether the scenes were read before votes had rules of their own."""
         return self.reader is not None and self.voting is None
 

@@ -103,7 +103,7 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Pa
     ]
     if not said:
         return PageSummary("No planner drove: only scripted sources did, and these see no pictures.")
-    of_camera = [one for _, one in score.blind if one.of_camera]
+    of_camera = [one for _, one in score.blind if one.is_of_camera]
     shown, which = (of_camera, "shuffled ones") if of_camera else ([one for _, one in score.blind], "others")
     return PageSummary(
         parted(said, _ANSWERS, "arms that a planner drove"),

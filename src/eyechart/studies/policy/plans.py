@@ -261,7 +261,7 @@ def motions_of(manifest: RunManifest, bank: FrameBank) -> MotionPlan:
     """Return the plan of a run's manifest, before any policy is known to draw."""
     found = plan_of(manifest, bank)
     assert isinstance(found, MotionPlan)
-    return replace(found, seeded=frozenset(spec for spec in manifest.models if seeded(manifest, spec)))
+    return replace(found, seeded=frozenset(spec for spec in manifest.models if is_seeded(manifest, spec)))
 
 
 def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
@@ -272,11 +272,11 @@ def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
     """
     space = require_motions(manifest.prompt.space)
     return frozenset(
-        spec for spec in manifest.models if _draws(ledger.replies(spec), space, again=int(seeded(manifest, spec)))
+        spec for spec in manifest.models if _draws(ledger.replies(spec), space, again=int(is_seeded(manifest, spec)))
     )
 
 
-def seeded(manifest: RunManifest, spec: str) -> bool:
+def is_seeded(manifest: RunManifest, spec: str) -> bool:
     """Return whether a seed fixes a policy's answers, as it declares."""
     return manifest.facts.get(spec, {}).get("seedable") == "true"
 

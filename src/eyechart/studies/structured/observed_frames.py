@@ -123,7 +123,7 @@ def check(simulator: Simulator, episode: Episode, view: View | None) -> Observed
             if (pixels == pixels[0, 0]).all():
                 checks.failed = f"frame {checks.frames}: renderer integrity: the picture has one colour"
                 break
-            if not _same(step, drive.truth()):
+            if not _has_same_gap(step, drive.truth()):
                 checks.failed = f"frame {checks.frames}: the world does not repeat itself: its gap is another one now"
                 break
             if checks.look(drive, pixels, view, simulator.declared.mirror_axis) is None:
@@ -136,7 +136,7 @@ def check(simulator: Simulator, episode: Episode, view: View | None) -> Observed
     return ObservedFrames(key.policy, key.scenario, key.seed, checks.frames, checks.gap_mae_m, checks.whole())
 
 
-def _same(step: Step, truth: Mapping[str, Scalar]) -> bool:
+def _has_same_gap(step: Step, truth: Mapping[str, Scalar]) -> bool:
     """Return whether a step has its recorded gap, to 3 decimals."""
     before, now = step.truth.get("lead_gap_m"), truth["lead_gap_m"]
     if isinstance(before, int | float) and isinstance(now, int | float):

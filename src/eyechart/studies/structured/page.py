@@ -439,7 +439,9 @@ def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
 def _closest(run: Estimates) -> Frame:
     gap = run.score.bank.manifest.gap
     return (
-        run.frames[0] if gap is None else min(run.frames, key=lambda frame: (not gap.near(frame), gap.of(frame) == inf))
+        run.frames[0]
+        if gap is None
+        else min(run.frames, key=lambda frame: (not gap.is_near(frame), gap.of(frame) == inf))
     )
 
 

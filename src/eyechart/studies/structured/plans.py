@@ -105,7 +105,7 @@ def choose(bank: FrameBank, seed: int) -> tuple[Frame, ...]:
     rng = np.random.default_rng(key_seed("admission", seed, bank.manifest.fingerprint))
     chosen, gap = list[Frame](), bank.manifest.gap
     for close, name in ((True, "close"), (False, "other")):
-        frames = [frame for frame in bank if (gap is not None and gap.near(frame)) == close]
+        frames = [frame for frame in bank if (gap is not None and gap.is_near(frame)) == close]
         if len(frames) < PAIRS_A_CLASS:
             raise BankError(
                 f"the bank {bank.root} has {len(frames)} {name} frames, and admission needs {PAIRS_A_CLASS}: "

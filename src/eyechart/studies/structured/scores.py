@@ -61,7 +61,7 @@ class Figures:
         counted = "counted on the frames as they are"
         mirrored, also = self._has_mirrored.astype(np.float64), _given(self._mirrored).astype(np.float64)
 
-        def exchanged(estimate: Estimate, other: Estimate) -> bool:
+        def is_exchanged(estimate: Estimate, other: Estimate) -> bool:
             return self._space.reflect(self._act(estimate)) == self._act(other)
 
         return {
@@ -79,8 +79,8 @@ class Figures:
             "scene_equivariance.confidence_aside": self._pairs(
                 lambda one, other: not SCENES.distance(one.mirrored(), other)
             ),
-            "action_equivariance": self._pairs(exchanged),
-            "swap_rate": self._pairs(exchanged, turning),
+            "action_equivariance": self._pairs(is_exchanged),
+            "swap_rate": self._pairs(is_exchanged, turning),
             "disagreement": self._share(_flags(self._real, lambda one: one.disagrees(self._answers.distances)), parsed),
             "actions": Statistic(float(len(set(actions))), len(actions), method=counted) if actions else _nothing(),
             "directional": Statistic(float(turning.sum()), len(actions), method=counted) if actions else _nothing(),
