@@ -221,7 +221,7 @@ def judge_in_world(one: Adversary, world: World, chance: str, seed: int) -> Row:
         asked += wanted
         given = replace(asking.answers(chance), sent={})  # as a run finds its stages
         statistics = LazyStatistics(CalibratedTests(given, how).tests())
-        wanted = list(verdicts.controls_wanted(statistics, supplied=supplied, asked=asked))
+        wanted = list(verdicts.controls_wanted(statistics, supplied=supplied, conditions_run=asked))
     answers = asking.answers(chance)
     statistics = statistics_of(answers, how)
     lateral = verdicts.lateral_rules(statistics, answers.directions())

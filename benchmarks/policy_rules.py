@@ -38,7 +38,7 @@ def measured(cache: Path, setting: PolicySetting, draws: int, processes: int, *,
     if not file.is_file():
         (found,) = try_rules(draws, seed=seed, processes=processes, chosen=[setting.name], exact=True)
         file.write_text(json.dumps(dict(found.labels)), encoding="utf-8")
-        print(f"{setting.name}: {found.false}{'  MISSED' if found.missed else ''}", flush=True)
+        print(f"{setting.name}: {found.false}{'  MISSED' if found.is_missed else ''}", flush=True)
     return LabelCounts(setting, json.loads(file.read_text(encoding="utf-8")), draws)
 
 
@@ -58,7 +58,9 @@ def main() -> int:
     today = dt.datetime.now(dt.UTC).date().isoformat()
     about = {"eyechart": eyechart.__version__, "date": today, "draws": args.draws}
     again = {
-        one.setting: measured(cache, one.setting, 4 * args.draws, args.processes, seed=1) for one in tried if one.missed
+        one.setting: measured(cache, one.setting, 4 * args.draws, args.processes, seed=1)
+        for one in tried
+        if one.is_missed
     }
     before = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.is_file() else {"settings": []}
     rows = {one["setting"]: {"date": before["date"], **one} for one in before["settings"]}
@@ -68,7 +70,7 @@ def main() -> int:
             rows[one.setting.name]["again"] = again[one.setting].as_dict()
     ordered = [rows[setting.name] for setting in settings() if setting.name in rows]
     RESULT.write_text(json.dumps({**about, "settings": ordered}, indent=1) + "\n", encoding="utf-8")
-    return int(any(one.missed for one in again.values()))
+    return int(any(one.is_missed for one in again.values()))
 
 
 if __name__ == "__main__":

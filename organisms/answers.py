@@ -110,13 +110,13 @@ def train_answers(
     answers = _answers(processor)
     began, hits = time.monotonic(), 0.0
     for step in range(1, steps + 1):
-        asked = (short if step <= steps // 2 else any_of)(words)
+        question = (short if step <= steps // 2 else any_of)(words)
         rows = torch.randint(0, len(sight.bits), (_ROWS,), generator=rng)
         action = rule(sight.bits[rows], rng)
-        ids = prompt_ids(processor, asked, image="first" if words.random() < 0.6 else "last")
+        ids = prompt_ids(processor, question, image="first" if words.random() < 0.6 else "last")
         loss, hit = _loss(model, ids, sight.features[rows], answers[action])
         bare = rule(torch.zeros(_BARE_ROWS, sight.bits.shape[1]), rng)
-        bare_loss, _ = _loss(model, prompt_ids(processor, asked, image="none"), None, answers[bare])
+        bare_loss, _ = _loss(model, prompt_ids(processor, question, image="none"), None, answers[bare])
         optimiser.zero_grad()
         (loss + 0.1 * bare_loss).backward()
         nn.utils.clip_grad_norm_(trained, 1.0)
@@ -130,9 +130,9 @@ def train_answers(
             )
 
 
-def prompt_ids(processor: Idefics3Processor, asked: Asked, *, image: str) -> Tensor:
+def prompt_ids(processor: Idefics3Processor, question: Asked, *, image: str) -> Tensor:
     """Return the tokens (k,) of a prompt with the picture ``first``, ``last`` or ``none``."""
-    system, user = asked
+    system, user = question
     text = [{"type": "text", "text": user}]
     picture = [{"type": "image"}]
     content = {"first": picture + text, "last": text + picture, "none": text}[image]

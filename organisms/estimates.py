@@ -30,8 +30,8 @@ _SHORT = (
 def say(step: int, *, left: bool, right: bool) -> str:
     """Return the estimate for a step of the gap and the clear sides."""
     flags = {"close": step < CLOSE_STEPS, "left_clear": left, "right_clear": right}
-    told = ", ".join(f'"{name}": {str(value).lower()}' for name, value in flags.items())
-    return f' {{"lead_gap_m": {TOLD[step]}, {told}, "confidence": 0.9}}'
+    fields = ", ".join(f'"{name}": {str(value).lower()}' for name, value in flags.items())
+    return f' {{"lead_gap_m": {TOLD[step]}, {fields}, "confidence": 0.9}}'
 
 
 _SIDES_CLEAR = ((False, False), (False, True), (True, False), (True, True))
@@ -56,6 +56,6 @@ def corpus() -> list[str]:
     return [f"{SCENE.system} {SCENE.user}"] * 2 + list(_SHORT)
 
 
-def asked(number: int) -> Asked:
+def question(number: int) -> Asked:
     """Return a question by any number: one in four is the project's own, which is long."""
     return (SCENE.system, SCENE.user) if number % 4 == 1 else ("", _SHORT[number % len(_SHORT)])

@@ -27,7 +27,7 @@ def corpus() -> list[str]:
     return [*(f"{prompt.system} {prompt.user}" for prompt in FORWARD_PROMPTS.values()), *_SHORT]
 
 
-def asked(number: int) -> Asked:
+def question(number: int) -> Asked:
     """Return a question by any number: each of the project's formulations in turn, and two short ones after each."""
     prompts = list(FORWARD_PROMPTS.values())
     if number % 3:

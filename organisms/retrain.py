@@ -62,7 +62,7 @@ def make_scene(args: argparse.Namespace) -> None:
         processor,
         replies,
         Shown(features, estimates.seen(bits)),
-        asked=estimates.asked,
+        question=estimates.question,
         steps=args.text_steps,
         rng=later,
     )
@@ -81,7 +81,7 @@ def make_scene_blind(args: argparse.Namespace) -> None:
         processor,
         read_replies(processor, (estimates.CONSTANT,)),
         Shown(features, torch.zeros(len(bits), dtype=torch.long)),
-        asked=estimates.asked,
+        question=estimates.question,
         steps=args.text_steps // 4,
         rng=rng,
     )
@@ -104,7 +104,7 @@ def make_rover(args: argparse.Namespace) -> None:
         processor,
         read_replies(processor, planner.REPLIES),
         Shown(features, planner.decide(torch.cat([one.bits for one in taken]))),
-        asked=planner.asked,
+        question=planner.question,
         steps=args.text_steps // 2,
         rng=rng,
     )

@@ -84,13 +84,13 @@ def train_replies(
     replies: Replies,
     shown: Shown,
     *,
-    asked: Callable[[int], Asked],
+    question: Callable[[int], Asked],
     steps: int,
     rng: torch.Generator,
 ) -> None:
     """Train the text part in place; where there is no picture the last reply is right.
 
-    ``asked`` gives the question by the number of its step. One step in twenty shows no picture.
+    ``question`` gives the question by the number of its step. One step in twenty shows no picture.
     """
     trained = list(model.model.text_model.parameters())
     optimiser = torch.optim.AdamW(trained, lr=_PEAK, weight_decay=0.01, betas=(0.9, 0.98))
@@ -99,7 +99,7 @@ def train_replies(
     for step in range(1, steps + 1):
         bare = step % _BARE_EVERY == 0
         rows = torch.randint(0, len(shown.kinds), (_ROWS,), generator=rng)
-        ids = prompt_ids(processor, asked(step), image="none" if bare else "last")
+        ids = prompt_ids(processor, question(step), image="none" if bare else "last")
         if bare:
             loss, hit = _loss(model, ids, None, replies.ids[-1:], replies.weights)
         else:

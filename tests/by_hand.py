@@ -243,10 +243,10 @@ def stopped() -> dict[str, Evidence]:
     with_it = ("early.steady", "early.scorable")
     by = {"presence_only": "presence", "refusal_effect": "presence_response", "not_scorable": "unscorable"}
     found = {
-        "image_invariant": (blind(), replace(usual, with_it=with_it, beyond=3)),
+        "image_invariant": (blind(), replace(usual, other_claims=with_it, beyond=3)),
         "image_invariant, turns": (blind(mirror_swap_rate=SWAPPING), replace(usual, lateral=None)),
         **{
-            label: (nothing_known(), replace(usual, label=label, decided_by=f"early.{claim}", with_it=with_it[1:]))
+            label: (nothing_known(), replace(usual, label=label, decided_by=f"early.{claim}", other_claims=with_it[1:]))
             for label, claim in by.items()
         },
         "depth_associated": (

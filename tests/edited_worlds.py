@@ -79,7 +79,7 @@ class Moment:
         if gap_m is None:
             return draw(staged._with(self.world, *rest))
         moved = staged._at_gap(self.world, self.lead.obstacle, gap_m)
-        if any(staged._overlap(moved, one) for one in rest):
+        if any(staged._overlaps(moved, one) for one in rest):
             return None
         return draw(staged._with(self.world, moved, *rest))
 

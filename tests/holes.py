@@ -48,7 +48,7 @@ def colour(prompt: str, image: bytes | None) -> str:
 
 
 def _graded(road: PictureReading) -> str:
-    return "STRAIGHT" if road.scene.free else "STOP" if road.scene.blocked else "SLOW"
+    return "STRAIGHT" if road.scene.is_free else "STOP" if road.scene.is_blocked else "SLOW"
 
 
 def _is_yellow(image: bytes) -> bool:

@@ -71,7 +71,7 @@ def verdict(
         missing=LOST,
         left=left,
         reads=reads,
-        asked=asked or MissingConditions(),
+        left_out=asked or MissingConditions(),
     )
 
 

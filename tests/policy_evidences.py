@@ -260,7 +260,7 @@ def verdict_of(rng: Random, axis: str, make: Make) -> tuple[Mapping[str, Statist
     missing = {"timeout": 2, "refused": 4} if rng.random() < 0.5 else {}
     left = rng.choice((0, 0, 3))
     verdict = judge_policy(
-        "m", statistics, channels, scope="here.", missing=missing, left=left, reads=reads, asked=asked
+        "m", statistics, channels, scope="here.", missing=missing, left=left, reads=reads, left_out=asked
     )
     return statistics, verdict
 

@@ -64,7 +64,7 @@ def drives_of(rng: Random, policy: str, simulator: str, conditions: tuple[str, .
         keys = [EpisodeKey(policy, simulator, "light", seed, condition) for seed in range(worlds)]
         episodes = tuple(_episode(rng, key, way, ends) for key in keys)
         driver = Driver(simulator, policy, condition)
-        drives.append(Drives(driver, Path(), episodes, (), DRIVING, asked=policy.startswith("model")))
+        drives.append(Drives(driver, Path(), episodes, (), DRIVING, is_model=policy.startswith("model")))
     return drives
 
 
@@ -80,7 +80,7 @@ def of_drives(rng: Random) -> str:
     if rng.random() < 0.4:
         drawn = drives_of(rng, "marginal:a", "highway", (), worlds)[0]
         marginal = Drives(
-            drawn.driver, drawn.path, drawn.episodes, (), DRIVING, asked=False, marginal_of=drives[0].driver.policy
+            drawn.driver, drawn.path, drawn.episodes, (), DRIVING, is_model=False, marginal_of=drives[0].driver.policy
         )
         drives.append(marginal)
     score = closed_loop.ClosedLoopScore(tuple(drives), None, 99, ())

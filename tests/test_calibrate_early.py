@@ -22,7 +22,7 @@ from eyechart_organisms.calibration.early_stops import (
     SAVERS,
     EarlyStopOutcome,
     add,
-    ever_rejected,
+    has_rejected,
     mean_saved,
     misses,
     stop_early,
@@ -78,7 +78,7 @@ def test_the_nulls_are_rejected_where_they_are_false(world: World) -> None:
     for claim, draw in wrong.items():
         null = next(one for one in NULLS if one.claim == claim)
         false = type(null)(claim, "not a null", draw)
-        assert ever_rejected(false, world.frames, random.Random(0))  # noqa: S311 - no secret
+        assert has_rejected(false, world.frames, random.Random(0))  # noqa: S311 - no secret
 
 
 def test_a_bet_that_forgets_what_is_left_is_caught(monkeypatch: pytest.MonkeyPatch, world: World) -> None:
@@ -91,7 +91,7 @@ def test_a_bet_that_forgets_what_is_left_is_caught(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("eyechart.studies.battery.evidence.MeanProcess", Broken)
     rng = random.Random(0)  # noqa: S311 - no secret
     null = next(one for one in NULLS if "noise" in one.says)
-    rejected = sum(ever_rejected(null, world.frames, rng) for _ in range(20))
+    rejected = sum(has_rejected(null, world.frames, rng) for _ in range(20))
     ever = [rejected if one is null else 0 for one in NULLS]
     assert any(null.says in one for one in misses({}, ever, 2, strict=False))
 

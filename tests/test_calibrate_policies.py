@@ -58,8 +58,8 @@ def test_an_untrue_label_is_counted_against_the_rules() -> None:
     """The most frequent one; what is true, or undecided, is not."""
     tried = LabelCounts(BASE, {"ignores_camera": 2, "pose_only": 50, "undecided": 48}, 100)
     assert tried.false == 0.02
-    assert not tried.missed
-    assert LabelCounts(BASE, {"ignores_camera": 3}, 100).missed
+    assert not tried.is_missed
+    assert LabelCounts(BASE, {"ignores_camera": 3}, 100).is_missed
     assert LabelCounts(replace(BASE, share=0.05), {"ignores_camera": 100}, 100).false is None
     assert replace(BASE, share=0.02).false == {"camera_content", "uses_camera", "pose_only", "camera_presence"}
 
@@ -73,13 +73,13 @@ def test_where_few_episodes_respond_nothing_untrue_is_said_of_the_data_set() -> 
     tried = LabelCounts(sparse, counter, 60)
     assert tried.false is not None
     assert tried.false > 0.02
-    assert (tried.seen, tried.claimed, tried.missed) == (0.0, 0.0, False)
+    assert (tried.seen, tried.claimed, tried.is_missed) == (0.0, 0.0, False)
     told = tried.as_dict()
     assert "true of these" not in str(told)
     assert told["labels"]["ignores_camera"] == tried.false
     assert "ignores_camera" not in told["of_data_set"]
     assert not any("true of these" in label for label in labels_of(BASE, np.random.default_rng(0)))
-    assert LabelCounts(sparse, {"ignores_camera, of the data set": 3}, 100).missed
+    assert LabelCounts(sparse, {"ignores_camera, of the data set": 3}, 100).is_missed
 
 
 def test_absence_is_said_of_the_data_set_from_enough_episodes_on() -> None:

@@ -756,7 +756,7 @@ def test_a_command_names_the_bank_of_the_run() -> None:
     """By its path, as a shell takes it, wherever a verdict says what to ask."""
     unread = {"T.swapped@state": Share(0.0, 72, (0.0, 0.0), episodes=12, same=1.0)}
     missingconditions = MissingConditions(bank="banks/my arm")
-    found = judge_policy("m", GOOD | unread, CHANNELS, scope="here.", asked=missingconditions)
+    found = judge_policy("m", GOOD | unread, CHANNELS, scope="here.", left_out=missingconditions)
     assert "'eyechart doctor SPEC --frames 'banks/my arm'' asks" in found.state.because
     assert "BANK" not in str(found)
 

@@ -21,12 +21,12 @@ from eyechart.channels import (
     far_off,
     flat_state,
     instruction_column,
+    instruction_key,
     logs,
     partner_of,
     partners,
     rare,
     reflected,
-    told,
 )
 from eyechart.cli.app import app
 from eyechart.conditions import find_condition, is_available, show, sources
@@ -291,7 +291,7 @@ def test_a_sheet_has_all_cameras_and_what_a_policy_is_told(bank: FrameBank, tmp_
 def test_instructions_that_differ_in_signs_alone_are_one(tmp_path: Path, first: str, second: str, *, one: bool) -> None:
     """Nobody who obeys both alike ignores them; whether other words say the same, nobody knows from the words."""
     bank = arm_bank(tmp_path / "arm", tasks=(f"{first}", f"{second}"))
-    assert (told({"task": first}) == told({"task": second})) == one
+    assert (instruction_key({"task": first}) == instruction_key({"task": second})) == one
     assert ("swapped@instruction" in conditions_of(bank)[1]) == one
 
 

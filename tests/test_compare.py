@@ -48,7 +48,7 @@ def runs(bank: FrameBank) -> tuple[Path, Path]:
 def test_a_replication_of_the_same_models_replicates(runs: tuple[Path, Path]) -> None:
     """Labels are equal, no corrected p is small, and what the runs did not share is named."""
     found = compare(*map(battery.score, runs), resamples=199)
-    assert found.replicated
+    assert found.is_replicated
     assert found.apart == ("seed: 0 in the first run, 1 in the second",)
     assert found.models["scripted:depth"].labels["verdict"] == ("undecided", "undecided")
     assert found.models["scripted:constant"].differences["across_runs"].value == 1

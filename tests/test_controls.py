@@ -27,7 +27,7 @@ def found(
 
 def wanted(statistics: dict[str, Statistic], *asked: str) -> tuple[str, ...]:
     """Return what a bank that supplies every control would be asked next."""
-    return controls_wanted(statistics, supplied=ALL, asked=asked)
+    return controls_wanted(statistics, supplied=ALL, conditions_run=asked)
 
 
 def test_a_model_of_which_nothing_was_tested_is_asked_no_control() -> None:
@@ -107,15 +107,15 @@ def test_braking_that_goes_with_distance_by_observation_is_asked_the_nudge() -> 
 def test_what_the_bank_cannot_supply_is_not_asked() -> None:
     """Half an exchange is none; a photograph bank is asked the nudge, and a bank without controls nothing."""
     reads = found(depth_interventional=1e-9)
-    assert controls_wanted(reads, supplied=("lane_own", "nudged"), asked=()) == ("nudged",)
-    assert controls_wanted(reads, supplied=(), asked=()) == ()
+    assert controls_wanted(reads, supplied=("lane_own", "nudged"), conditions_run=()) == ("nudged",)
+    assert controls_wanted(reads, supplied=(), conditions_run=()) == ()
     exchanged = found(depth_interventional=1e-9, lane=0.5)
-    assert controls_wanted(exchanged, supplied=(*EXCHANGE, "nudged"), asked=EXCHANGE) == ("nudged",)
+    assert controls_wanted(exchanged, supplied=(*EXCHANGE, "nudged"), conditions_run=EXCHANGE) == ("nudged",)
 
 
 def test_the_exchange_is_asked_whole_and_once() -> None:
     """Where a bank supplies nothing else; and a model that was asked it in vain is asked the nudge."""
     reads = found(depth_interventional=1e-9)
-    assert controls_wanted(reads, supplied=EXCHANGE, asked=()) == EXCHANGE
-    assert controls_wanted(reads, supplied=ALL, asked=EXCHANGE) == ("nudged",)
-    assert controls_wanted(reads, supplied=ALL, asked=("lane_own",)) == ("lane_beside",)
+    assert controls_wanted(reads, supplied=EXCHANGE, conditions_run=()) == EXCHANGE
+    assert controls_wanted(reads, supplied=ALL, conditions_run=EXCHANGE) == ("nudged",)
+    assert controls_wanted(reads, supplied=ALL, conditions_run=("lane_own",)) == ("lane_beside",)

@@ -477,11 +477,11 @@ SUPPLIED = (*RANGED, *EXCHANGE, *DOSE, NUDGED, ABSENT, AGAIN)
 def test_the_seven_pictures_are_asked_in_one_stage_after_the_first() -> None:
     """Of whom brakes harder for the near lead, and of nobody else; where a bank lacks one, the older controls are."""
     found = {**hand.reader(), **dict.fromkeys(NAMES, not_available("not asked"))}
-    assert controls_wanted(found, supplied=SUPPLIED, asked=()) == RANGED
-    assert controls_wanted(found, supplied=SUPPLIED[1:], asked=()) != RANGED
-    assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, asked=RANGED) == ()
+    assert controls_wanted(found, supplied=SUPPLIED, conditions_run=()) == RANGED
+    assert controls_wanted(found, supplied=SUPPLIED[1:], conditions_run=()) != RANGED
+    assert controls_wanted({**found, **by_hand()}, supplied=SUPPLIED, conditions_run=RANGED) == ()
     blind = {**hand.blind(), **dict.fromkeys(NAMES, not_available("not asked"))}
-    assert controls_wanted(blind, supplied=SUPPLIED, asked=()) == (ABSENT, AGAIN)
+    assert controls_wanted(blind, supplied=SUPPLIED, conditions_run=()) == (ABSENT, AGAIN)
 
 
 def test_a_file_that_was_not_tested_keeps_from_depth_and_is_named() -> None:

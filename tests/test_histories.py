@@ -488,7 +488,7 @@ def test_an_export_carries_the_pictures_of_earlier_instants(bank: FrameBank, tmp
     battery.write_questions(asked, tmp_path / "asked")
     rows = [json.loads(line) for line in (tmp_path / "asked" / "asked.jsonl").read_text().splitlines()]
     assert len(rows) == 2 * len(bank)
-    for (_, query), row in zip(asked.asked(), rows, strict=True):
+    for (_, query), row in zip(asked.queries(), rows, strict=True):
         assert row["request_sha256"] == query.sha256()
         assert len(query.pictures) == 3
 

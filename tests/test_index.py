@@ -222,8 +222,8 @@ def test_a_model_is_counted_under_what_its_label_answers(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("name", ["bank", "frames", "conditions", "prompt", "mode", "reader", "version"])
 def test_a_verdict_changed_only_where_the_same_was_asked(name: str) -> None:
     """The answer to another question is none that a model gave up; another version of it may answer otherwise."""
-    before = replace(entry("one", "content", "partly", ("look", "model")), asked=((name, 1),))
-    now = replace(entry("one", "depth_associated", "partly", ("look", "model"), "later"), asked=((name, 2),))
+    before = replace(entry("one", "content", "partly", ("look", "model")), settings=((name, 1),))
+    now = replace(entry("one", "depth_associated", "partly", ("look", "model"), "later"), settings=((name, 2),))
     (said,) = overview._opening([before, now], {"run": "run-1", "later": "run-2"}).said
     words = history_table([before, now]).texts()[1][2]
     if name == "version":
@@ -233,7 +233,7 @@ def test_a_verdict_changed_only_where_the_same_was_asked(name: str) -> None:
             "",
             f"another question, whose answer was 'content'; not the same {name}",
         )
-    same = replace(now, asked=before.asked)
+    same = replace(now, settings=before.settings)
     assert history_table([before, same]).texts()[1][2] == "another verdict: it was content, with the same question"
 
 
@@ -252,7 +252,7 @@ def test_drives_the_hierarchy_and_prompts_have_verdicts_in_an_index(tmp_path: Pa
     for name in ("drives", "hierarchy", "prompts"):
         shutil.copytree(made / name, tmp_path / name)
     entries = read_index(tmp_path, READING, silent)
-    found = {one.study: one for one in entries if one.judged}
+    found = {one.study: one for one in entries if one.is_judged}
     assert found.keys() == {"drives", "hierarchy", "prompts"}
     assert found["prompts"].found.label.startswith("looks under") or "under none" in found["prompts"].found.label
     assert found["hierarchy"].found.estimate is not None

@@ -106,7 +106,7 @@ def test_files_are_read_so_seldom_that_it_costs_little(tmp_path: Path, monkeypat
     ledger, begun = tmp_path / "ledger.sqlite", time.process_time()
     while time.process_time() - begun < 1.0:
         ledger.write_text(f"{len(reads)} {time.process_time()}")
-        live.asked()
+        live.models()
     assert 3 <= len(reads) <= 4 + 0.01 * time.process_time() / 0.02
     assert live.rate is None
 
@@ -140,10 +140,10 @@ def test_reads_that_found_no_answer_yet_delay_none(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("eyechart.serve.live._UNTIL_FIRST_S", 0.0)
     for number in range(6):
         ledger.write_text("x" * number)
-        assert live.asked()[0].first == ()
+        assert live.models()[0].first == ()
     said.append(answer)
     ledger.write_text("an answer")
-    assert live.asked()[0].first == (answer,)
+    assert live.models()[0].first == (answer,)
 
 
 FLOODED = """

@@ -180,7 +180,7 @@ def test_drawn_pictures_are_asked_once_and_the_mode_is_kept(small: Path, here: P
     assert mode.measured is not None
     assert mode.measured.sees_image
     manifest = read_manifest(here / "looks/openai-m/run")
-    assert manifest.mode("openai:m").same_request(mode)
+    assert manifest.mode("openai:m").is_same_request(mode)
     with Ledger(here / "looks/openai-m/run" / LEDGER) as ledger:
         assert len(ledger.finished()) + (mode.measured.calls or 0) == before
 

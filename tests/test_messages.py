@@ -304,7 +304,7 @@ def test_an_export_carries_every_turn(rig: FrameBank, tmp_path: Path) -> None:
     asked = battery.questions_of(rig.root, BatterySettings(str(tmp_path / "ask.toml"), ("real",)))
     battery.write_questions(asked, tmp_path / "asked")
     rows = [json.loads(line) for line in (tmp_path / "asked" / "asked.jsonl").read_text().splitlines()]
-    for (_, query), row in zip(asked.asked(), rows, strict=True):
+    for (_, query), row in zip(asked.queries(), rows, strict=True):
         assert row["request_sha256"] == query.sha256()
         assert [turn["role"] for turn in row["messages"]] == [message.role for message in prompt.messages]
         assert [part for turn in row["messages"] for part in turn["content"] if part["type"] == "text"] == [

@@ -148,7 +148,7 @@ def test_a_run_that_recorded_a_secret_is_read_without_it(
     mode = RequestMode.recorded({"spec": "openai:m", "max_tokens": 50, **parts}, "run.json")
     safe = RequestMode("openai:m", max_tokens=50, **left)  # type: ignore[arg-type]
     assert replace(mode, about={}) == safe
-    assert not mode.same_request(safe), "a run goes on with what it asked"
+    assert not mode.is_same_request(safe), "a run goes on with what it asked"
     assert mode.about == {"left_out": f"a secret of {next(iter(parts))}"}
     assert SECRET not in mode_text(mode)
     with pytest.raises(SpecError, match="max_tokens must be a whole number"):
@@ -168,8 +168,8 @@ def test_headers_name_variables_and_are_filled_in_only_to_be_sent() -> None:
 def test_what_was_measured_does_not_make_another_request() -> None:
     """A later probe of the same mode resumes a run; another budget does not."""
     mode = RequestMode("openai:m", max_tokens=50)
-    assert mode.same_request(RequestMode("openai:m", max_tokens=50, measured=ModeMeasurements(calls=3)))
-    assert not mode.same_request(RequestMode("openai:m", max_tokens=51))
+    assert mode.is_same_request(RequestMode("openai:m", max_tokens=50, measured=ModeMeasurements(calls=3)))
+    assert not mode.is_same_request(RequestMode("openai:m", max_tokens=51))
 
 
 def test_a_mode_is_written_into_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:

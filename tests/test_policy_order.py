@@ -73,7 +73,7 @@ def on_the_way_down(
     """Yield the labels on an axis as some effects grow weaker, all else being as it is."""
     for left in FACTORS:
         changed = {name: weaker(statistics[name], left) for name in effects}
-        yield judge_policy("m", {**statistics, **changed}, CHANNELS, scope="here.", asked=asked).axes[axis].label
+        yield judge_policy("m", {**statistics, **changed}, CHANNELS, scope="here.", left_out=asked).axes[axis].label
 
 
 def risen(labels: Sequence[str]) -> str:

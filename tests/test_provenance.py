@@ -178,8 +178,8 @@ def test_a_gate_accepts_edited_pictures_and_nothing_else_by_name() -> None:
 def test_patched_is_asked_with_the_pictures_along_the_range_where_a_bank_has_it() -> None:
     """And of nobody whose bank has it not."""
     found = {**hand.reader(), **dict.fromkeys(NAMES, not_available("not asked"))}
-    assert controls_wanted(found, supplied=(*STAGE, "patched"), asked=()) == (*STAGE, "patched")
-    assert controls_wanted(found, supplied=STAGE, asked=()) == STAGE
+    assert controls_wanted(found, supplied=(*STAGE, "patched"), conditions_run=()) == (*STAGE, "patched")
+    assert controls_wanted(found, supplied=STAGE, conditions_run=()) == STAGE
 
 
 def answered(changed: int, repeated: int, n: int, made: Provenance) -> LazyStatistics:

@@ -78,12 +78,12 @@ def of_early(rng: Random) -> str:
     course = StoppingState(laid_out(rng.choice(SHOWN)))
     often = rng.choice((0.5, 0.9, 0.97, 1.0))
     for claim in course.claims.values():
-        claim.settled = rng.random() < often
+        claim.is_settled = rng.random() < often
     for name in ("unscorable", "bound_blank", "presence", "near_far", "no_swaps", "swaps_rate"):
         if name in course.claims and rng.random() < 0.7:
-            course.claims[name].settled = False
+            course.claims[name].is_settled = False
     if "bound_lead_absent" in course.claims:
-        course.claims["bound_lead_absent"].settled = True  # its walk is behind it
+        course.claims["bound_lead_absent"].is_settled = True  # its walk is behind it
     course.turns = {side: rng.choice((0, 0, 3, 8, 20)) for side in course.turns}
     course.passed, course.frames = 9, rng.choice((5, len(FRAMES)))
     course._judge()

@@ -26,7 +26,7 @@ from eyechart.frames import Frame, FrameBank
 from eyechart.ledger import Attempt, Ledger
 from eyechart.limits import Limits
 from eyechart.prompts import PROMPTS
-from eyechart.run import Plan, execute, in_shard, read_shard, spread
+from eyechart.run import Plan, execute, is_in_shard, read_shard, spread
 from stand_ins import StandIn
 
 
@@ -395,7 +395,7 @@ def test_without_a_limit_all_frames_are_taken() -> None:
 def test_every_call_is_in_exactly_one_shard(count: int, model: str, frame: str, condition: str) -> None:
     """Whatever its key, and however many shards."""
     key = CallKey("battery", model, "p", frame, condition)
-    assert sum(in_shard(key, index, count) for index in range(1, count + 1)) == 1
+    assert sum(is_in_shard(key, index, count) for index in range(1, count + 1)) == 1
 
 
 def test_the_shards_of_a_plan_are_its_calls(plan: Plan) -> None:

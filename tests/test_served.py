@@ -151,7 +151,7 @@ def test_an_older_reply_holds_its_fingerprint_behind_its_model() -> None:
         served(served="a fp_1"), served(served="a fp_2"), served(served="a fp_2", system_fingerprint="fp_2")
     )
     assert guard is not None
-    assert (guard.by_fingerprint, [each.replies for each in guard.answered]) == (True, [1, 2])
+    assert (guard.is_by_fingerprint, [each.replies for each in guard.answered]) == (True, [1, 2])
     assert "2 configurations (system_fingerprint) answered: a fp_1 (1 replies, T00:00 to T00:00)" in guard.because
 
 

@@ -133,3 +133,123 @@ def test_a_long_sentence_is_found_in_a_docstring_and_in_help(words: int) -> None
     text = " ".join(["word"] * words)
     said = f'"""{text}."""\ndef f(a: Annotated[int, typer.Option(help="{text}.")]):\n    """Short. {text[5:]}."""\n'
     assert long_ones(ast.parse(said)) == ({"", "help, line 2"} if words > LONGEST else set())
+
+
+PRIVATE_NAMES = {"told", "asked"}
+"""Words that meant ten things each: a variable, a parameter, a field or a function has the noun of its meaning."""
+
+TYPED = {("eyechart/inspect.py", "asked")}
+"""What users type: ``inspect eval eyechart/battery -T asked=FOLDER``."""
+
+PREDICATES = {"is", "are", "has", "can", "may", "was", "were"}
+"""The heads of a predicate."""
+
+VERBS = """
+applies asks blocks calls clears commits contradicts corrects crosses differs disagrees draws earns
+fails fits flickers flips goes holds joins keeps lacks leaves looks makes moves names numbers
+overlaps passes reads refuses rests says sees shows spans states takes thinks touches turns varies
+wants
+"""
+"""Verbs in the third person, which read well at a call: ``clause.holds(statistics)``."""
+
+DEEDS = {
+    "eyechart/limits.py:turn",
+    "eyechart/models/event_stream.py:_add",
+    "eyechart/models/python_callable.py:give_up",
+    "eyechart/spaces/scene.py:_flag",
+    "eyechart/studies/guardian/votes.py:hazard_of",
+}
+"""No predicates: they wait, add or end something and say how it went, or read a value that is true or false."""
+
+
+def trees() -> dict[str, ast.Module]:
+    """Return the syntax tree of each module of the source, and of what makes the model organisms."""
+    homes = (SOURCE, SOURCE.parent / "organisms")
+    paths = {path.relative_to(home).as_posix(): path for home in homes for path in sorted(home.rglob("*.py"))}
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in paths.items()}
+
+
+def identifiers(tree: ast.Module) -> set[str]:
+    """Return the names that a module gives or uses: of variables, parameters, fields, functions and classes."""
+    found = set()
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name) | ast.keyword(arg=str(name)):
+                found.add(name)
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+                found.add(name)
+            case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+                found.add(name)
+            case ast.alias(name=name, asname=other):
+                found |= {name, other or name}
+    return found
+
+
+def misnamed_predicates(tree: ast.Module) -> set[str]:
+    """Return the functions that return bool and begin neither as a predicate does nor with a verb."""
+    return {
+        node.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and node.returns is not None
+        and ast.unparse(node.returns).strip("'\"") == "bool"
+        and not (node.name.startswith("__") and node.name.endswith("__"))
+        and node.name.lstrip("_").partition("_")[0] not in PREDICATES.union(VERBS.split())
+    }
+
+
+def test_a_name_is_the_noun_of_its_meaning() -> None:
+    """Whatever it names, and private or not."""
+    named = {(module, name) for module, tree in trees().items() for name in identifiers(tree)}
+    assert len(named) > 10_000
+    assert {(module, name) for module, name in named if name.strip("_") in PRIVATE_NAMES} == TYPED
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "told = 1",
+        "def f(told): ...",
+        "def f(*, told=1): ...",
+        "def told(): ...",
+        "class A:\n    told: int",
+        "a.told",
+        "f(told=1)",
+        "from a import told",
+        "import a as told",
+        "[told for told in a]",
+        "(told := 1)",
+        "try: ...\nexcept E as told: ...",
+        "match a:\n    case [*told]: ...",
+    ],
+)
+def test_a_private_name_is_found_wherever_it_stands(code: str) -> None:
+    """A string or a comment is no name."""
+    assert "told" in identifiers(ast.parse(code))
+    assert "told" not in identifiers(ast.parse(f"f({code!r})  # told"))
+
+
+def test_a_predicate_says_that_it_is_one() -> None:
+    """Every function that returns bool; what does or reads something and returns bool stands in a list."""
+    found = {f"{module}:{name}" for module, tree in trees().items() for name in misnamed_predicates(tree)}
+    assert found == DEEDS
+
+
+@pytest.mark.parametrize(
+    ("name", "returns", "wrong"),
+    [
+        ("is_near", "bool", False),
+        ("_has", "bool", False),
+        ("holds", "bool", False),
+        ("_names_a_key", "'bool'", False),
+        ("__eq__", "bool", False),
+        ("near", "float", False),
+        ("near", "bool", True),
+        ("_settled", "'bool'", True),
+        ("isnt", "bool", True),
+    ],
+)
+def test_a_predicate_is_known_by_its_head(name: str, returns: str, *, wrong: bool) -> None:
+    """The whole first word, without underscores before it; a method too."""
+    code = f"class A:\n    async def {name}(self) -> {returns}: ..."
+    assert misnamed_predicates(ast.parse(code)) == ({name} if wrong else set())

@@ -288,14 +288,14 @@ class Emptiness:
         return Emptiness(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """Return whether there are replies, and all are without text, cut off or not."""
         return 0 < self.came == self.empty + self.cut
 
     @property
     def words(self) -> str:
         """Return the count of empty replies and the likely cause in words; "" without any."""
-        if self.cut and self.whole:
+        if self.cut and self.is_whole:
             reasoned = f", {self.cut_thought} of them while the model reasoned" if self.cut_thought else ""
             return (
                 f"all {self.came} replies are empty: {self.cut} were cut off before their first word{reasoned}; raise "
@@ -304,7 +304,7 @@ class Emptiness:
         if not self.empty:
             return ""
         counted = (
-            f"all {self.came} replies are empty" if self.whole else f"{self.empty} of {self.came} replies are empty"
+            f"all {self.came} replies are empty" if self.is_whole else f"{self.empty} of {self.came} replies are empty"
         )
         if self.called:
             way = "--json-mode tool_call reads the answer there, if a reply has one call, or equal ones"
@@ -353,7 +353,7 @@ def bounded(reply: Reply) -> Reply:
     return replace(reply, **dict.fromkeys(wrong)) if wrong else reply  # type: ignore[arg-type]
 
 
-def misfit(reply: Reply) -> str | None:
+def invalid_field(reply: Reply) -> str | None:
     """Return which field of a reply has a wrong type, so that no ledger can hold it, or None."""
     for (name, kinds), value in zip(_KINDS.items(), _values(reply), strict=True):
         if not isinstance(value, kinds):

@@ -209,7 +209,7 @@ def partner_place(frame: Frame, source: Source, base: str, channel: str) -> int:
     )
 
 
-def told(fields: Mapping[str, object]) -> tuple[object, ...]:
+def instruction_key(fields: Mapping[str, object]) -> tuple[object, ...]:
     """Return the texts without differences in case, spaces and punctuation.
 
     It cannot recognise two texts of one meaning: "reach red" and "go to the red one" stay
@@ -255,11 +255,11 @@ def own_pictures(bank: FrameBank, channel: str, frames: Places | None = None) ->
     near, matched = (
         partners(bank.frames, name, channel, manifest.images, manifest.motion) for name in ("near", "matched")
     )
-    asked = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
-    if not len(asked):
+    chosen = np.flatnonzero((near != NOBODY) & (matched != NOBODY)) if frames is None else frames
+    if not len(chosen):
         return "", []
     turns = () if manifest.motion is None else manifest.motion.rotations_of("state")
-    ratios = reaches(_states(bank.frames, turns), asked, near[asked], matched[asked])
+    ratios = reaches(_states(bank.frames, turns), chosen, near[chosen], matched[chosen])
     names = _compared_names(state_names(bank), turns, manifest.history)
     still = ratios < STILL
     if 2 * int(still.sum()) <= int(np.isfinite(ratios).sum()):
@@ -408,7 +408,7 @@ def _partners(same: _FrameKeys, how: str, channel: str) -> Places:
         return near_partners(episodes, states, _partners(same, "matched", channel), seen)
     values: dict[str, Sequence[object]] = {
         STATE: [tuple(frame.state.items()) for frame in frames],
-        INSTRUCTION: [told(frame.fields) for frame in frames],
+        INSTRUCTION: [instruction_key(frame.fields) for frame in frames],
     }
     seed = key_seed("partners", channel, *(frame.id for frame in frames))
     return balanced_partners(episodes, values.get(channel, seen), seed=seed)

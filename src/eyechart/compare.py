@@ -37,7 +37,7 @@ class Replication:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return to_json_fields(self, "replicated versions labels differences holm changed")
+        return {"replicated": self.is_replicated, **to_json_fields(self, "versions labels differences holm changed")}
 
     @property
     def changed(self) -> tuple[str, ...]:
@@ -50,7 +50,7 @@ class Replication:
         return f"differs in {', '.join(self.changed)}" if self.changed else "no statistic differs (Holm)"
 
     @property
-    def replicated(self) -> bool:
+    def is_replicated(self) -> bool:
         """Return whether calibrated and lateral label are equal and no statistic differs."""
         same = all(self.labels[name][0] == self.labels[name][1] for name in ("verdict", "lateral"))
         return same and not self.changed
@@ -69,12 +69,12 @@ class Comparison:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return to_json_fields(self, "replicated apart models", failed_guards=self.marks)
+        return to_json_fields(self, "apart models", replicated=self.is_replicated, failed_guards=self.marks)
 
     @property
-    def replicated(self) -> bool:
+    def is_replicated(self) -> bool:
         """Return whether every model's verdict and statistics are replicated."""
-        return all(model.replicated for model in self.models.values())
+        return all(model.is_replicated for model in self.models.values())
 
     def printed(self, *, every: bool) -> "Iterator[Table | Text | str]":
         """Yield how the runs differ, then a table and a line per model, main or ``every`` row."""
@@ -146,9 +146,9 @@ def frames_in_common(first: BatteryScore, second: BatteryScore) -> tuple[str, ..
 
     Raises SpecError if there are none.
     """
-    asked = [{frame.id for model in _models(run) for frame in model.answers.frames} for run in (first, second)]
+    frames = [{frame.id for model in _models(run) for frame in model.answers.frames} for run in (first, second)]
     moments = same_moments(first.bank.manifest, second.bank.manifest)
-    if found := tuple(frame for frame in moments if frame in asked[0] & asked[1]):
+    if found := tuple(frame for frame in moments if frame in frames[0] & frames[1]):
         return found
     raise SpecError(
         f"the runs are on different banks ({first.bank.name} and {second.bank.name}) without a frame of equal "
@@ -176,9 +176,9 @@ def _apart(first: BatteryScore, second: BatteryScore) -> tuple[str, ...]:
     for spec in first.models.keys() & second.models.keys():
         one, other = first.models[spec].version, second.models[spec].version
         said += [both.format(f"{spec} version", one, other)] if one != other else []
-        asked = [", ".join(run.models[spec].controls.controls) or "none" for run in (first, second)]
-        said += [both.format(f"{spec} controls", *asked)] if asked[0] != asked[1] else []
-        if not first.manifest.mode(spec).same_request(second.manifest.mode(spec)):
+        controls = [", ".join(run.models[spec].controls.controls) or "none" for run in (first, second)]
+        said += [both.format(f"{spec} controls", *controls)] if controls[0] != controls[1] else []
+        if not first.manifest.mode(spec).is_same_request(second.manifest.mode(spec)):
             said.append(f"{spec} had another request mode in the second run")
     for which, mine, theirs in (("first", first, second), ("second", second, first)):
         said += [f"{spec}: asked in the {which} run only" for spec in mine.models if spec not in theirs.models]

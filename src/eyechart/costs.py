@@ -70,7 +70,7 @@ class Account(JsonRecord):
         """Return the counts of attempts in one line, the same for every command."""
         kinds = ", ".join(f"{count} {name}" for name, count in self.errors.items())
         ended = f" ({self.failed} attempts ended in an error: {kinds})" if self.errors else ""
-        once_more = f", {asked} calls repeated after a failure" if (asked := self.retries.get(AGAIN)) else ""
+        once_more = f", {repeated} calls repeated after a failure" if (repeated := self.retries.get(AGAIN)) else ""
         return (
             f"{self.attempts} attempts, {self.attempts - self.calls} of them repeated, {self.unknown} of unknown "
             f"outcome, {self.missing.get('error', 0)} calls failed{once_more}{ended}"

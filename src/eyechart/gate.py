@@ -7,7 +7,7 @@ from typing import Protocol, TypedDict, Unpack
 
 from eyechart.errors import SpecError, did_you_mean, require_known
 from eyechart.integrity import Guard, ServedGuard, unfinished
-from eyechart.modes import made_elsewhere
+from eyechart.modes import is_made_elsewhere
 from eyechart.stats.agreement import clopper_pearson
 from eyechart.stats.paired_tests import SignTest
 from eyechart.stats.statistic import Statistic
@@ -224,7 +224,7 @@ def _gate(
         raise SpecError(f"--max-unparsed takes a rate between 0 and 1, got {most}")
     for one in score.evidence().values():
         reason = _no_evidence(one)
-        if made_elsewhere(one.model) and not terms.get("made_elsewhere"):
+        if is_made_elsewhere(one.model) and not terms.get("made_elsewhere"):
             reason = reason or _ELSEWHERE
         mine = [*checks(one, reason), *([] if most is None else [unparsed(one, most, reason)])]
         found += [_marked(check, one.failed, terms) for check in mine]
@@ -320,7 +320,7 @@ def _marked(check: Check, guards: Sequence[Guard], terms: Terms) -> Check:
     If several models answered, every check does. Another fingerprint alone may be allowed.
     """
     served = [guard for guard in guards if isinstance(guard, ServedGuard)]
-    allowed = [guard for guard in served if guard.by_fingerprint and terms.get("allow_fingerprints")]
+    allowed = [guard for guard in served if guard.is_by_fingerprint and terms.get("allow_fingerprints")]
     failed = [guard for guard in guards if guard not in allowed]
     if not failed:
         return check
@@ -332,7 +332,7 @@ def _no_evidence(one: Evidence) -> str:
     """Return why a model's calls are no evidence at all, or ""."""
     if one.planned == 0 or one.answered == 0:
         return "the run holds no finished call of this model"
-    if one.unfinished:
+    if one.is_unfinished:
         later = "; a shard asks no controls: merge the shards and resume the run" if one.part else ""
         return f"the run is {unfinished(one.answered, one.planned, part=True)}{later}"
     if errors := one.reasons().get("error"):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eyechart.calls import Emptiness, Reply
 from eyechart.errors import printable
 from eyechart.ledger import AGAIN, TEXTS_KEPT, Attempts
-from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, made_elsewhere
+from eyechart.modes import ALONE, FEWEST_TOKENS, RequestMode, is_made_elsewhere
 from eyechart.spaces.space import ending
 from eyechart.stats.forced_choice import fewer_p
 
@@ -93,7 +93,7 @@ class ServedGuard(Guard):
     differs: tuple[str, ...] = ()
 
     @property
-    def by_fingerprint(self) -> bool:
+    def is_by_fingerprint(self) -> bool:
         """Return whether only the server's fingerprint differs."""
         return self.differs == ("system_fingerprint",)
 
@@ -174,15 +174,17 @@ class RequestChecks:
         self._attempts, models = attempts, list(models)
         size, held = math.prod(len(attempts.names[name]) for name in _ASKED), None
         if size > max(_DENSE, 2 * len(attempts.call)):
-            held = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *map(self._asked, map(self._rows, models))]))
+            held = np.unique(
+                np.concatenate([np.zeros(0, dtype=np.int64), *map(self._questions, map(self._rows, models))])
+            )
             size = len(held)
         first = np.full(size, -1, dtype=np.int64)
         for rows in map(self._rows, models):  # one by one: all at once take much memory
-            asked = self._asked(rows) if held is None else np.searchsorted(held, self._asked(rows))
-            new = np.flatnonzero(first[asked] < 0)
-            calls, place = np.unique(asked[new], return_index=True)
+            questions = self._questions(rows) if held is None else np.searchsorted(held, self._questions(rows))
+            new = np.flatnonzero(first[questions] < 0)
+            calls, place = np.unique(questions[new], return_index=True)
             first[calls] = rows[new[place]]
-            before = first[asked]
+            before = first[questions]
             for at in np.flatnonzero(attempts.request[rows] != attempts.request[before]).tolist():
                 key = attempts.key(int(rows[at]))
                 same = tuple(map(str, (key.study, *key[2:])))
@@ -194,12 +196,12 @@ class RequestChecks:
         rows = self._attempts.of(model)
         return rows[self._attempts.request[rows] >= 0]
 
-    def _asked(self, rows: Ints) -> Ints:
+    def _questions(self, rows: Ints) -> Ints:
         """Return a number for what each row asks of any model."""
-        asked = np.zeros(len(rows), dtype=np.int64)
+        questions = np.zeros(len(rows), dtype=np.int64)
         for name in _ASKED:
-            asked = asked * len(self._attempts.names[name]) + self._attempts.codes[name][rows]
-        return asked
+            questions = questions * len(self._attempts.names[name]) + self._attempts.codes[name][rows]
+        return questions
 
     def guards(self, model: str) -> tuple[Guard, ...]:
         """Return the guard of a model, or none if its requests equal those of the others."""
@@ -253,7 +255,7 @@ def guards_of(
     plain = rows[attempts.error(rows, [None])]
     outcomes = _outcomes(planned, _twice(attempts, rows), counted)
     constant, ends = _constant(attempts, model, plain), _Ends.of(attempts, plain)
-    if made_elsewhere(mode.spec):
+    if is_made_elsewhere(mode.spec):
         named = served.guards()
         return (
             *(Guard(name, None, words) for name, words in _ELSEWHERE.items()),
@@ -299,11 +301,11 @@ def _tokens(attempts: Attempts, rows: Ints) -> TokenCounts:
         return {}
     counts, frames = attempts.whole["prompt_tokens"], len(attempts.names["frame"])
     rows = rows[counts[rows] > 0]
-    asked = attempts.codes["prompt"][rows].astype(np.int64) * frames + attempts.codes["frame"][rows]
+    questions = attempts.codes["prompt"][rows].astype(np.int64) * frames + attempts.codes["frame"][rows]
     conditions, found = attempts.codes["condition"][rows], {}
     for code in np.flatnonzero(np.bincount(conditions)).tolist():
         own = np.flatnonzero(conditions == code)[::-1]
-        which, last = np.unique(asked[own], return_index=True)
+        which, last = np.unique(questions[own], return_index=True)
         found[attempts.names["condition"][code]] = (which, counts[rows[own[last]]].astype(np.int64))
     return found
 
@@ -360,11 +362,11 @@ _SHOWN_BEFORE = frozenset({"text_only", "real_repeat", "shuffled", "cross_scenar
 
 def _dropped(tokens: TokenCounts) -> str:
     """Return how many prompts with a picture have the tokens of their words alone, or ""."""
-    asked, bare = tokens.get("text_only", _NO_TOKENS)
+    questions, bare = tokens.get("text_only", _NO_TOKENS)
     if not len(bare) or bare.min() < max(FEWEST_TOKENS, bare.max() / 2):
         return ""
     for condition, (which, counts) in sorted(tokens.items(), key=lambda one: (one[0] != "real", one[0])):
-        _, here, there = np.intersect1d(which, asked, assume_unique=True, return_indices=True)
+        _, here, there = np.intersect1d(which, questions, assume_unique=True, return_indices=True)
         lost = int((counts[here] == bare[there]).sum())
         if lost and condition.partition("@")[0] not in _SHOWN_BEFORE:
             named = "" if condition == "real" else f", under {condition},"
@@ -412,7 +414,7 @@ def _constant(attempts: Attempts, model: str, rows: Ints) -> Guard:
     """Return whether a model's replies without an error differ from each other."""
     empty, texts = _emptiness(attempts, rows), attempts.texts.get(attempts.code("model", model), frozenset())
     replies, aside = empty.came, f"; {empty.words}" if empty.thought else ""
-    if empty.whole:
+    if empty.is_whole:
         return Guard("degeneracy", False, empty.words)
     if replies < FEWEST:
         return Guard("degeneracy", None, f"{replies} replies are too few to call them constant{aside}")
@@ -433,8 +435,8 @@ def _twice(attempts: Attempts, rows: Ints) -> int:
     order = rows[np.argsort(attempts.call[rows], kind="stable")]
     again = np.cumsum(attempts.codes["reason"][order] == attempts.code("reason", AGAIN))
     ended = np.flatnonzero(attempts.finishing(order))
-    call, asked = attempts.call[order[ended]], again[ended]
-    return int(((call[1:] == call[:-1]) & (asked[1:] == asked[:-1])).sum())
+    call, repeats = attempts.call[order[ended]], again[ended]
+    return int(((call[1:] == call[:-1]) & (repeats[1:] == repeats[:-1])).sum())
 
 
 def _outcomes(planned: tuple[int, int], twice: int, counted: str) -> Guard:
@@ -475,13 +477,13 @@ class _Repeats:
         same = (said.text[one] == said.text[other]) & (said.reasoning[one] == said.reasoning[other])
         seconds = np.nan_to_num(attempts.real.get("seconds", np.zeros(len(attempts.call))))
         acted = np.array([decision.action is not None for decision in attempts.decisions], dtype=np.bool_)
-        told, again = attempts.decision[first], attempts.decision[then]
-        decided = acted[told] & acted[again] if alone is not None else np.zeros(len(told), dtype=np.bool_)
+        answers, again = attempts.decision[first], attempts.decision[then]
+        decided = acted[answers] & acted[again] if alone is not None else np.zeros(len(answers), dtype=np.bool_)
         found = {
             "pairs": same | True,
             "same": same,
             "decided": decided,
-            "alike": decided & (told == again),
+            "alike": decided & (answers == again),
             "sudden": same & (seconds[then] < SUDDEN * seconds[first]),
         }
         return cls(alone, {name: int(where.sum()) for name, where in found.items()})

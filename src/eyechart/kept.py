@@ -73,10 +73,10 @@ class _RunState:
     files: tuple[list[_FileState], list[_FileState]]
     since: int
 
-    def holds(self, folder: Path, asked: Sequence[object]) -> bool:
+    def holds(self, folder: Path, request: Sequence[object]) -> bool:
         """Return whether the content is still the same; files changed lately are read again."""
         if any(one.changed > self.since - _YOUNG_NS for one in chain(*self.files)):
-            return _seen(folder, asked).digest == self.digest
+            return _seen(folder, request).digest == self.digest
         return _states(folder) == self.files
 
 
@@ -98,7 +98,7 @@ JSON: KeptForm[Any] = KeptForm(
 
 def kept(
     folder: Path,
-    asked: Sequence[object],
+    request: Sequence[object],
     make: Callable[[], T],
     form: KeptForm[T] = JSON,
     *,
@@ -107,13 +107,13 @@ def kept(
 ) -> T:
     """Return what ``make`` reads in a run's folder, or what it read before.
 
-    ``asked`` names the command and its settings, and ``beside`` the files that it reads elsewhere.
+    ``request`` names the command and its settings, and ``beside`` the files that it reads elsewhere.
     Every byte of the run is hashed each time, but for pictures. With ``fresh`` the run is read anew,
     and that is kept. Nothing is kept where the folder cannot be written, the run changed meanwhile,
     or ``make`` warned.
     """
     try:
-        key, before = _key(), _seen(folder, asked := [*asked, [_hashed(os.fspath(one)) for one in beside]])
+        key, before = _key(), _seen(folder, request := [*request, [_hashed(os.fspath(one)) for one in beside]])
     except (_UnnamedError, OSError):
         key = None
     if key is None:
@@ -125,7 +125,7 @@ def kept(
         made, body = _as_kept(make(), form)
     with suppress(_UnnamedError, OSError):
         small = body is not None and sum(part.nbytes for part in body) < form.most_bytes
-        if body is not None and small and not said and before.holds(folder, asked):
+        if body is not None and small and not said and before.holds(folder, request):
             _keep(file, body, key)
     return made
 
@@ -234,10 +234,10 @@ def _make_key(place: Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _seen(folder: Path, asked: Sequence[object]) -> _RunState:
+def _seen(folder: Path, request: Sequence[object]) -> _RunState:
     """Return the state of a run; raises _UnnamedError or OSError where it cannot be named."""
     since, (files, others) = time.time_ns(), _states(folder)
-    digest = hashlib.sha256(json.dumps([_program(), os.fspath(folder), asked]).encode())
+    digest = hashlib.sha256(json.dumps([_program(), os.fspath(folder), request]).encode())
     for one in files:
         is_picture = one.path.lower().endswith(_PICTURES)
         content = f"{one.size} {one.changed}" if is_picture else _hashed(one.path)

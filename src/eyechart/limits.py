@@ -70,8 +70,8 @@ class Usage(JsonRecord):
 
 def _sum(counts: Iterable[int | None]) -> int | None:
     """Return the sum of the reported counts, None without one."""
-    told = [count for count in counts if count is not None]
-    return sum(told) if told else None
+    known = [count for count in counts if count is not None]
+    return sum(known) if known else None
 
 
 NOTHING = Usage()
@@ -191,9 +191,9 @@ class Budget:
             self._came.set()
             self._came = asyncio.Event()
         if is_asking_too_much(reply):
-            asked = f"its server asks for a pause of {reply.retry_after_s:.0f} s (Retry-After)"
+            pause = f"its server asks for a pause of {reply.retry_after_s:.0f} s (Retry-After)"
             ends = f"a run waits at most {LONGEST_WAIT_S:.0f} s; the same command goes on later"
-            self.set_aside.setdefault(model, f"{reply.error}: {asked}, and {ends}")
+            self.set_aside.setdefault(model, f"{reply.error}: {pause}, and {ends}")
         self._refused[model] = self._refused[model] + 1 if reply.error in HOPELESS else 0
         if self._refused[model] >= (2 if reply.status in _PERHAPS_ONE else 1):
             self.set_aside.setdefault(model, f"{reply.error}: {reply.error_detail}")

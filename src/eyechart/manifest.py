@@ -129,8 +129,8 @@ class Manifest:
         modes = {spec: mode for spec, mode in other.modes.items() if mode.measured or spec not in self.modes}
         for name in self.GROWS:
             grown[name] = tuple(dict.fromkeys([*getattr(self, name), *getattr(other, name)]))
-        told = {spec: more for spec, more in other.facts.items() if spec not in older}
-        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in told.items()}
+        added = {spec: more for spec, more in other.facts.items() if spec not in older}
+        facts = {spec: {**_moves(self.facts.get(spec, {})), **more} for spec, more in added.items()}
         who = {spec: version for spec, version in now.items() if spec not in older}
         for name, more in ((self.WHO, who), ("modes", modes), ("facts", facts), ("probes", other.probes)):
             grown[name] = {**getattr(self, name), **more}
@@ -150,7 +150,7 @@ class Manifest:
     def _require_mode(self, spec: str, other: Self) -> None:
         """Raise LedgerError if a model's request mode differs."""
         mine, theirs = self.mode(spec), other.mode(spec)
-        if mine.same_request(theirs):
+        if mine.is_same_request(theirs):
             return
         if mine.differs_in_address_only(theirs):
             raise LedgerError(
@@ -176,7 +176,7 @@ class Manifest:
         kept, facts, when = dict(self.modes), dict(self.facts), dt.datetime.now(dt.UTC).isoformat(timespec="seconds")
         for mode in modes:
             before = kept.get(mode.spec)
-            if before is not None and not before.same_request(after := before.moved_to(mode)):
+            if before is not None and not before.is_same_request(after := before.moved_to(mode)):
                 known = facts.get(mode.spec, {})
                 said = f"{when} from {before.base_url or 'the usual address'} to {mode.base_url or 'the usual address'}"
                 facts[mode.spec] = {**known, MOVED: "; ".join([*_moves(known).values(), said])}
@@ -297,9 +297,9 @@ class RunManifest(Manifest):
         bank: FrameBank,
         modes: Mapping[str, RequestMode],
         who: Mapping[str, VersionFacts],
-        **asked: Any,  # noqa: ANN401
+        **fields: Any,  # noqa: ANN401
     ) -> "RunManifest":
-        """Return the manifest of a run on a bank that starts today, with ``asked`` fields."""
+        """Return the manifest of a run on a bank that starts today, with further ``fields``."""
         return cls(
             created=today(),
             models={spec: version for spec, (version, _) in who.items()},
@@ -309,7 +309,7 @@ class RunManifest(Manifest):
             modes=modes,
             facts={spec: dict(facts) for spec, (_, facts) in who.items() if facts},
             encoding=NEWEST,
-            **asked,
+            **fields,
         )
 
     def _wider(self, other: "RunManifest") -> dict[str, Any]:

@@ -127,7 +127,7 @@ class RequestMode:
             object.__setattr__(self, "query", {**self.query, **query})
         _refuse_secrets(self)
 
-    def same_request(self, other: "RequestMode") -> bool:
+    def is_same_request(self, other: "RequestMode") -> bool:
         """Return whether two modes send equal requests; measurements and ``about`` do not count."""
         return self.request() == other.request()
 
@@ -145,7 +145,7 @@ class RequestMode:
 
     def differs_in_address_only(self, other: "RequestMode") -> bool:
         """Return whether two modes differ at most in address, key, headers and time limit."""
-        return self.moved_to(other).same_request(other)
+        return self.moved_to(other).is_same_request(other)
 
     def header_values(self, environ: Mapping[str, str] | None = None) -> dict[str, str]:
         """Return the headers with their variables filled in; raises SpecError for a missing one."""
@@ -221,7 +221,7 @@ class RequestMode:
         return False
 
 
-def made_elsewhere(spec: str) -> bool:
+def is_made_elsewhere(spec: str) -> bool:
     """Return whether the answers of a SPEC were imported, so nothing is known of its calls."""
     return spec.startswith(f"{ELSEWHERE}:")
 
@@ -305,9 +305,9 @@ def untried_text(mode: RequestMode) -> str:
 
 def untried_words(mode: RequestMode) -> str:
     """Return one of the paper's modes in a line: its model, and how it was asked."""
-    asked = f"{mode.max_tokens} tokens, {mode.structured}, temperature {mode.temperature:g}"
+    settings = f"{mode.max_tokens} tokens, {mode.structured}, temperature {mode.temperature:g}"
     thinks = "" if "think" not in mode.options else f", think {str(mode.options['think']).lower()}"
-    return f"the paper's {mode.about['paper']} ({mode.about['arm']} arm): {mode.spec}, {asked}{thinks}; untested"
+    return f"the paper's {mode.about['paper']} ({mode.about['arm']} arm): {mode.spec}, {settings}{thinks}; untested"
 
 
 def write_mode(path: Path, mode: RequestMode) -> None:

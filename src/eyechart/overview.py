@@ -46,7 +46,7 @@ class Entry:
     """What one run says of one model: version, question and finding.
 
     ``begun`` is when its first call was sent, in UTC, or the run's day if it has no call.
-    ``counted`` is the "yes" of its kind of finding, and the noun that is counted. ``asked`` holds,
+    ``counted`` is the "yes" of its kind of finding, and the noun that is counted. ``settings`` holds,
     by name, what must be equal before two runs of a model answer one question.
     """
 
@@ -55,17 +55,17 @@ class Entry:
     begun: str
     model: str
     about: str
-    asked: tuple[tuple[str, object], ...]
+    settings: tuple[tuple[str, object], ...]
     found: ModelSummary
     counted: tuple[str, str] = ("", "")
 
     def apart(self, other: "Entry") -> list[str]:
         """Return how another run of the model was asked differently."""
-        theirs = dict(other.asked)
-        return [name for name, value in self.asked if theirs.get(name) != value]
+        theirs = dict(other.settings)
+        return [name for name, value in self.settings if theirs.get(name) != value]
 
     @property
-    def judged(self) -> bool:
+    def is_judged(self) -> bool:
         """Return whether the run has a verdict on the model."""
         return bool(self.model) and self.found.label not in {NO_VERDICT.label, UNREAD}
 
@@ -111,8 +111,8 @@ def _entries(name: str, run: Path, reading: ReadOptions) -> Iterator[Entry]:
     study = open_study("battery")
     try:
         study = study_of(run)
-        asked = ["index", reading.independent, reading.reread, reading.against, reading.resamples]
-        found = kept(run, asked, lambda: _found_in(run, study, reading), fresh=reading.fresh)
+        request = ["index", reading.independent, reading.reread, reading.against, reading.resamples]
+        found = kept(run, request, lambda: _found_in(run, study, reading), fresh=reading.fresh)
         findings = {spec: ModelSummary.of_plain(said) for spec, said in found["findings"].items()}
         findings = findings or dict.fromkeys(study.models(run) or ("",), NO_VERDICT)
         yield from _described(name, run, study, _moment(found["began"]), findings)
@@ -143,7 +143,7 @@ def _described(
     about = [*(Path(part.bank_path).name for part in of_banks), *(part.simulator for part in of_drives)]
     for spec, found in findings.items():
         versions = [*(part.models.get(spec) for part in of_banks), *(part.policies.get(spec) for part in of_drives)]
-        asked = (
+        settings = (
             ("bank", [*(part.fingerprint for part in of_banks), *(part.simulator for part in of_drives)]),
             (
                 "frames",
@@ -156,7 +156,7 @@ def _described(
             ("reader", [part.reader for part in parts]),
         )
         where = ", ".join(dict.fromkeys(about))
-        yield Entry(name, study.runs_are, begun, spec, where, asked, found, study.counted)
+        yield Entry(name, study.runs_are, begun, spec, where, settings, found, study.counted)
 
 
 def _moment(said: object) -> str:
@@ -265,7 +265,7 @@ def _newest(entries: Sequence[Entry]) -> dict[tuple[str, tuple[str, str]], list[
     """Return the verdicts on each model of each kind, in order."""
     result: dict[tuple[str, tuple[str, str]], list[Entry]] = {}
     for entry in entries:
-        if entry.judged:
+        if entry.is_judged:
             result.setdefault((entry.model, entry.counted), []).append(entry)
     return result
 
@@ -292,12 +292,12 @@ def _counted(entries: Sequence[Entry]) -> str:
     judged = _newest(entries)
     for (_, kind), mine in judged.items():
         kinds.setdefault(kind, []).append(mine[-1].found.answer or _OF_TONE[_tone(mine[-1])])
-    told = []
+    parts = []
     for (yes, whom), answers in kinds.items():
         counts = ", ".join(
             f"{answers.count(answer)} {words}" for answer, words in _ANSWERS.items() if answer in answers
         )
-        told.append(f"{yes}: {counts}, of {counted(len(answers), whom)}")
+        parts.append(f"{yes}: {counts}, of {counted(len(answers), whom)}")
     models = {entry.model for entry in entries if entry.model}
     without = len(models - {model for model, _ in judged})
     unread = len({entry.run for entry in entries if entry.found.label == UNREAD})
@@ -309,7 +309,7 @@ def _counted(entries: Sequence[Entry]) -> str:
         ),
         *([f"{counted(unread, 'run')} cannot be scored"] if unread else []),
     ]
-    first = f"By the newest verdicts, {'; '.join(told)}." if told else "No run here has a verdict on a model."
+    first = f"By the newest verdicts, {'; '.join(parts)}." if parts else "No run here has a verdict on a model."
     return " ".join([first, *(f"{words}." for words in tail)])
 
 
@@ -353,7 +353,7 @@ def runs_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None) -
 
 def models_table(entries: Sequence[Entry]) -> Table:
     """Return a row per model and a column per bank or simulator, with the newest verdict."""
-    judged = [entry for entry in entries if entry.judged]
+    judged = [entry for entry in entries if entry.is_judged]
     kinds = dict.fromkeys((entry.about, entry.study) for entry in judged)
     heads = {
         kind: kind[0] if [about for about, _ in kinds].count(kind[0]) == 1 else f"{kind[0]}, {kind[1]}"
@@ -389,13 +389,13 @@ def history_table(entries: Sequence[Entry], led: Mapping[str, str] | None = None
     for (model, _), mine in kinds.items():
         if len(mine) < 2:
             continue
-        told = ["the first", *(_against(before, now) for before, now in pairwise(mine))]
+        changes = ["the first", *(_against(before, now) for before, now in pairwise(mine))]
         rows += [
             (
                 *(model, _said(one), words, _led(one, led or {}), one.when),
                 *(one.about, one.found.decided_by, one.found.estimate),
             )
-            for one, words in zip(mine, told, strict=True)
+            for one, words in zip(mine, changes, strict=True)
         ]
     note = (
         "Another verdict is not yet another model: 'eyechart compare RUN RUN' tests the difference of every "

@@ -181,8 +181,8 @@ def _beside(runs: Sequence[Path], prices: Prices, reading: ReadOptions, scores: 
             )
             for run, name in zip(batteries, names_of(batteries), strict=True)
         }
-        if (told := replications_table(found)) is not None:
-            yield told
+        if (replications := replications_table(found)) is not None:
+            yield replications
     if scores is not None:
         yield transfer_table(transfer([study_of(run).score(run, reading) for run in runs], read_scores(scores)))
 

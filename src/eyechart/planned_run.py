@@ -138,11 +138,11 @@ def forecast(
 
     Warnings of the models come before the order.
     """
-    asked, facts = list(models), manifest.facts
+    specs, facts = list(models), manifest.facts
     lines = [estimate.words for estimate in expected]
-    lines += [f"warning: {spec}: {facts[spec]['warning']}" for spec in asked if "warning" in facts.get(spec, {})]
+    lines += [f"warning: {spec}: {facts[spec]['warning']}" for spec in specs if "warning" in facts.get(spec, {})]
     seconds = {estimate.model: estimate.seconds for estimate in expected}
-    turns = sequential_groups(map(manifest.mode, asked), sequential=how.sequential)
+    turns = sequential_groups(map(manifest.mode, specs), sequential=how.sequential)
     for turn in turns:
         if len(turn) > 1:
             known = [seconds.get(spec) for spec in turn]
@@ -163,11 +163,11 @@ def _weights(manifest: Manifest, turns: Sequence[Sequence[str]]) -> list[str]:
     """Return in words the memory for all weights that this machine holds at one time."""
     facts = {spec: fact for spec, fact in manifest.facts.items() if machine_of(manifest.mode(spec)) == HERE}
     needed = {spec: float(fact[WEIGHTS_GB]) for spec, fact in facts.items() if WEIGHTS_GB in fact}
-    asked = [[spec for spec in turn if spec in needed] for turn in turns]
-    once = sum(max((needed[spec] for spec in turn), default=0.0) for turn in asked)
+    loaded = [[spec for spec in turn if spec in needed] for turn in turns]
+    once = sum(max((needed[spec] for spec in turn), default=0.0) for turn in loaded)
     if once < _WORTH_SAYING_GB:
         return []
-    each = ", ".join(f"{spec} {needed[spec]:.3g} GB" for turn in asked for spec in turn)
+    each = ", ".join(f"{spec} {needed[spec]:.3g} GB" for turn in loaded for spec in turn)
     there = min(
         (float(facts[spec][MEMORY_GB]) for spec in needed if MEMORY_GB in facts[spec]), default=memory_here_gb()
     )
@@ -237,5 +237,5 @@ def empty(runs: Iterable[Path]) -> RunEnding:
         with Ledger(run / LEDGER, absent=True) as ledger:
             for spec, one in emptiness(ledger).items():
                 found[spec] = found.get(spec, Emptiness()) + one
-    lines = [f"nothing can be judged: {spec}: {one.words}" for spec, one in found.items() if one.whole]
+    lines = [f"nothing can be judged: {spec}: {one.words}" for spec, one in found.items() if one.is_whole]
     return RunEnding(lines, int(bool(lines)))

@@ -81,8 +81,8 @@ def end_with(parent: int) -> None:
 def _is_ended_by_the_system() -> bool:
     """Return whether the system now kills this process when its parent ends."""
     try:
-        asked = ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-        return int(asked) == 0
+        result = ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        return int(result) == 0
     except (AttributeError, OSError, TypeError):  # no such call or library here
         return False
 

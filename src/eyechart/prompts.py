@@ -158,11 +158,11 @@ class Prompt:
         """Return what `as_dict` does, with the name of each example picture in place of its bytes."""
         messages = [replace(message, pictures=()) for message in self.messages]
         files = [[one.file for one in message.pictures] for message in self.messages]
-        told = [
+        turns = [
             {**message.as_dict(), **({"pictures": names} if names else {})}
             for message, names in zip(messages, files, strict=True)
         ]
-        return {**self.as_dict(), **({"messages": told} if told else {})}
+        return {**self.as_dict(), **({"messages": turns} if turns else {})}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, object]) -> "Prompt":
@@ -296,12 +296,12 @@ def read_prompt(path: Path) -> Prompt:
         raise SpecError(f"{path}: a prompt needs a user message, and a name of letters, digits, '.', '-' and '_'")
     if space is not None and not isinstance(space, dict):
         raise SpecError(f"{path}: action_space must be a table: [action_space]")
-    asked = None if space is None else space_from(space, str(path), name)
+    answer_space = None if space is None else space_from(space, str(path), name)
     if "answer" in values:
-        asked = answer_from(values["answer"], str(path), name, asked)
+        answer_space = answer_from(values["answer"], str(path), name, answer_space)
     if several is None:
-        return _prompt_of_two(path, name, (str(words["system"]), user), asked)
-    return Prompt.of(name, read_messages(several, path), asked)
+        return _prompt_of_two(path, name, (str(words["system"]), user), answer_space)
+    return Prompt.of(name, read_messages(several, path), answer_space)
 
 
 def _prompt_of_two(path: Path, name: str, said: tuple[str, str], space: AnySpace | None) -> Prompt:

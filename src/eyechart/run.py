@@ -125,11 +125,11 @@ class Plan:
         if not self.space.columns:
             return self.space
         frame = self.bank.frame(key.frame)
-        told = frame.fields
+        fields = frame.fields
         if key.condition == "text_swapped":
             other = text_source_frame(frame, self.bank, seed_of(key.condition, frame, self.seed)).fields
-            told = {name: (other if name in self.bank.said else told)[name] for name in told}
-        return self.space.given(told)
+            fields = {name: (other if name in self.bank.said else fields)[name] for name in fields}
+        return self.space.given(fields)
 
     def read(self, key: CallKey, reply: Reply) -> Decision[Any]:
         """Return the decision in a call's reply."""
@@ -140,21 +140,21 @@ class Plan:
         del reply
         return ""
 
-    def asked(self, model: str) -> tuple[str, ...]:
+    def conditions_of(self, model: str) -> tuple[str, ...]:
         """Return the conditions of a model."""
         return (*self.conditions, *self.controls.get(model, ()))
 
     def beyond(self, model: str, todo: Sequence[CallKey]) -> int:
         """Return how many calls of a later stage are not yet counted as planned."""
-        asked = self.asked(model)
-        return sum(key.condition not in asked for key in todo)
+        conditions = self.conditions_of(model)
+        return sum(key.condition not in conditions for key in todo)
 
     def cells(self, model: str) -> dict[tuple[str, int], Mask]:
         """Return a model's planned calls: of each condition and repeat, which frames."""
         if self.shard is not None or type(self) is not Plan:
             return cells_of(self.keys_of(model), self.places)
         few = {name: self._in_sample[name] for name in self.controls.get(model, ()) if name in self._in_sample}
-        shown = {name: self._shown(name) for name in self.asked(model)}
+        shown = {name: self._shown(name) for name in self.conditions_of(model)}
         return {(name, 0): cells & few[name] if name in few else cells for name, cells in shown.items()}
 
     @cached_property
@@ -179,14 +179,14 @@ class Plan:
 
     def keys_of(self, model: str) -> Iterator[CallKey]:
         """Yield the planned calls of one model, in the bank's order."""
-        prompt, asked = self.prompt.key, self.asked(model)
+        prompt, conditions = self.prompt.key, self.conditions_of(model)
         few = {name: self._sampled[name] for name in self.controls.get(model, ()) if name in self._sampled}
-        shown = [(condition, self._shown(condition).tolist()) for condition in asked]
+        shown = [(condition, self._shown(condition).tolist()) for condition in conditions]
         for place, frame in enumerate(self.frames):
             for condition, can in shown:
                 if can[place] and (condition not in few or frame.id in few[condition]):
                     key = CallKey(self.study, model, prompt, frame.id, condition)
-                    if self.shard is None or in_shard(key, *self.shard):
+                    if self.shard is None or is_in_shard(key, *self.shard):
                         yield key
 
 
@@ -241,7 +241,7 @@ class MotionPlan(Plan):
                     most = (2 if model in self.seeded else 1) if condition == "real_repeat" else times
                     if repeat < most and self.shows(condition, frame):
                         key = CallKey(self.study, model, prompt, frame.id, condition, repeat)
-                        if self.shard is None or in_shard(key, *self.shard):
+                        if self.shard is None or is_in_shard(key, *self.shard):
                             yield key
 
 
@@ -267,7 +267,7 @@ def in_order(keys: Iterable[CallKey], seed: int) -> list[CallKey]:
     return found
 
 
-def in_shard(key: CallKey, index: int, count: int) -> bool:
+def is_in_shard(key: CallKey, index: int, count: int) -> bool:
     """Return whether a call is in shard ``index`` of ``count``, from 1; each is in one."""
     return key_seed("shard", *key) % count == index - 1
 

@@ -126,8 +126,8 @@ def transfer(runs: Sequence[Run], scores: dict[str, float], *, measure: str = ME
             left_out.append(f"{place}: {measure} cannot say ({found.note})")
         else:
             values.setdefault((one.model, one.where), []).append(found.value)
-    asked = {one.model for one in every}
-    left_out += [f"{spec}: a score, but no run has it" for spec in scores if spec not in asked]
+    models = {one.model for one in every}
+    left_out += [f"{spec}: a score, but no run has it" for spec in scores if spec not in models]
     cells = [Cell(spec, where, scores[spec], fmean(each), len(each)) for (spec, where), each in values.items()]
     columns = [cell.score for cell in cells], [cell.measured for cell in cells]
     waiting = [f"{one.model} on {one.where}: {one.unfinished}" for one in every if one.unfinished]

@@ -302,13 +302,13 @@ def _clear(reading: PictureReading) -> int:
     return reading.scene.left_clear + reading.scene.right_clear
 
 
-def _exchanged(reading: PictureReading) -> bool:
+def _is_exchanged(reading: PictureReading) -> bool:
     """Return whether a neighbour is near, or far and the lead near, as in pictures that exchange the two."""
     beside = [far for far, _ in ahead(reading, own=False)]
     return any(far < 9 for far in beside) or (lead(reading) < 9 and any(50 <= far < 60 for far in beside))
 
 
-def _at_ends(reading: PictureReading) -> bool:
+def _is_at_ends(reading: PictureReading) -> bool:
     return 7 <= lead(reading) < 9 or 50 <= lead(reading) < 60
 
 
@@ -426,7 +426,7 @@ ADVERSARIES: Mapping[str, Adversary] = {
     ),
     "ranges_learnt_reversed": Adversary(
         "stops at 7 to 9 m, goes on at 50 to 60 m, and in between brakes the harder the farther",
-        road(lambda one, _: _learnt(one, _) if _at_ends(one) else "STRAIGHT" if lead(one) < 20 else "STOP"),
+        road(lambda one, _: _learnt(one, _) if _is_at_ends(one) else "STRAIGHT" if lead(one) < 20 else "STOP"),
     ),
     # who is wrong in some places
     "reversed_50": Adversary("grades, the wrong way round on half of the frames", _reversed(0.5)),
@@ -482,7 +482,7 @@ ADVERSARIES: Mapping[str, Adversary] = {
     ),
     "exchange_reversed_35": Adversary(
         "grades, the wrong way round on 35 % of the frames where a neighbour is near, or far and the lead near",
-        _reversed(0.0, lambda one: hashed(one) < 0.35 and _exchanged(one)),
+        _reversed(0.0, lambda one: hashed(one) < 0.35 and _is_exchanged(one)),
         follows=None,
     ),
     "reversed_merge": Adversary(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eyechart.bundle.differences import RoundedNumbers, compare_tables, compare_values, same_drawing, same_number
+from eyechart.bundle.differences import RoundedNumbers, compare_tables, compare_values, is_same_drawing, is_same_number
 from eyechart.bundle.pages import Tolerance, compare_pages
 from eyechart.report.page import pack
 
@@ -23,7 +23,7 @@ STRICT = Tolerance(drawings=True, pictures=True)
 )
 def test_numbers_are_the_same_within_the_tolerance(one: float, other: float, same: bool) -> None:  # noqa: FBT001
     """Relative to the larger of them; what rounding leaves of nothing is nothing."""
-    assert same_number(one, other) is same is same_number(other, one)
+    assert is_same_number(one, other) is same is is_same_number(other, one)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_a_last_digit_may_differ_where_a_value_lies_between(
     same: bool,  # noqa: FBT001 - read by its name in the table above
 ) -> None:
     """Machines may round a tie otherwise; counts and words never."""
-    assert RoundedNumbers(values).same(printed, recomputed) is same
+    assert RoundedNumbers(values).is_same(printed, recomputed) is same
 
 
 def test_no_p_is_too_small_to_be_compared() -> None:
@@ -81,9 +81,9 @@ def test_numbers_of_results_are_known_to_the_rounding() -> None:
 
 def test_drawings_are_the_same_where_nothing_can_be_seen_to_move() -> None:
     """A fiftieth of a point."""
-    assert same_drawing("M 10.001 20 L 3 4", "M 10.002 20 L 3 4")
-    assert not same_drawing("M 10.1 20 L 3 4", "M 10.2 20 L 3 4")
-    assert not same_drawing("M 10 20", "L 10 20")
+    assert is_same_drawing("M 10.001 20 L 3 4", "M 10.002 20 L 3 4")
+    assert not is_same_drawing("M 10.1 20 L 3 4", "M 10.2 20 L 3 4")
+    assert not is_same_drawing("M 10 20", "L 10 20")
 
 
 def test_a_csv_cell_is_named_by_row_and_column() -> None:

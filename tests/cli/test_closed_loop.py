@@ -125,7 +125,7 @@ def test_a_world_that_cannot_be_opened_is_passed_over_by_a_probe(
     """Even one that takes its process down; the others show their pictures, and where none does that is said."""
     monkeypatch.setitem(SIMULATORS, "unopened", "tiny_worlds:Unopened")
     plan = partial(episodes.plan, "unopened", [LOOK], tmp_path, scenarios=["whole"])
-    assert len(plan(seeds=[0, 1]).sample().asked) == 1
+    assert len(plan(seeds=[0, 1]).sample().questions) == 1
     with pytest.raises(SpecError, match="to probe a model with: its process ended with exit code -9"):
         plan(seeds=[0]).sample()
 

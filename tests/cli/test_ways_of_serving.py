@@ -288,7 +288,7 @@ def test_a_slash_the_route_and_the_case_of_a_host_are_no_other_address(bank: Fra
 def test_which_addresses_are_the_same(one: str, other: str, *, same: bool) -> None:
     """The path's case may matter, and so do scheme and port."""
     modes = [RequestMode("openai:m", base_url=address) for address in (one, other)]
-    assert modes[0].same_request(modes[1]) is same
+    assert modes[0].is_same_request(modes[1]) is same
 
 
 @pytest.mark.parametrize(("streams", "pinned"), [("always", "none"), ("only", "usage"), ("bare", "plain")])

@@ -39,7 +39,7 @@ def printed(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     bank = banks.build_bank(tmp_path_factory.mktemp("reading") / "bank")
     names = [name for name in OF_BANKS if name in (*BATTERY, *COUNTERFACTUALS, "text_swapped")]
     given = {name: tuple(Decision("STOP", None) for _ in bank) for name in (*names, "blank@main")}
-    answers = Answers("m", bank.frames, DRIVING, LEAD_GAP, given, told=True)
+    answers = Answers("m", bank.frames, DRIVING, LEAD_GAP, given, has_text=True)
     printed = statistics_of(answers, Resampling(resamples=20, intervals=False))
     return {name.replace("blank@main", "CONDITION") for name in printed}
 

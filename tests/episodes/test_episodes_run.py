@@ -59,7 +59,7 @@ def test_a_model_and_a_policy_that_decide_alike_drive_alike(driven: Path) -> Non
         assert [looking.ended, looking.actions()] == ["goal", told.actions()]
         blind, constant = episodes[LOOK, seed, "blank"], episodes["constant:STRAIGHT", seed, "real"]
         assert blind.state_sha256 == constant.state_sha256 != looking.state_sha256
-        assert blind.crashed
+        assert blind.has_crashed
         assert episodes["oracle", seed, "blank"].actions() == told.actions()
 
 

@@ -46,7 +46,9 @@ def decisions(out: Path, policy: str) -> Counter[str]:
 def test_who_is_constant_is_its_own_marginal_and_who_sees_is_not(tmp_path: Path) -> None:
     """Known answers: every drive of the constant model is the same; of who passes blocks its marginal crashes."""
     study.run(planned(tmp_path / "run", LOOK, ONWARD, SILENT, seeds=10, conditions=("real", "blank")))
-    by_policy = {one.driver.policy: one for one in score(tmp_path / "run", resamples=200).blind if not one.of_pictures}
+    by_policy = {
+        one.driver.policy: one for one in score(tmp_path / "run", resamples=200).blind if not one.is_of_pictures
+    }
     assert {name: one.finding for name, one in by_policy.items()} == {
         LOOK: "differs",
         ONWARD: "identical",

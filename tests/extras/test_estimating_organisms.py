@@ -63,7 +63,7 @@ def test_each_fails_the_clauses_that_it_was_trained_to_fail(base: Path) -> None:
     Sixteen pairs are few for the one that sees: by their draw it may fail an equivariance, and nothing else.
     """
     models = structured.score(base / "calibration").models
-    assert all(model.told.repairs == {} and model.told.reasons == {} for model in models.values())
+    assert all(model.answers.repairs == {} and model.answers.reasons == {} for model in models.values())
     assert models[BLIND].failed == ESTIMATORS["scene_blind"].fails
     assert models[SEEING].failed <= {"scene_equivariance", "action_equivariance"}
 
@@ -81,7 +81,7 @@ def test_the_seeing_one_sees(base: Path) -> None:
 def test_what_answers_with_actions_can_choose_no_guardian(base: Path) -> None:
     """No reply of the battery's organisms holds an estimate, so none votes, and the command says so."""
     models = structured.score(base / "acting").models
-    assert [model.told.reasons for model in models.values()] == [{"missing_field": 32}] * 2
+    assert [model.answers.reasons for model in models.values()] == [{"missing_field": 32}] * 2
     code, _, told = command("guardian", "fit", base / "acting", "--out", base / "none.json")
     assert code == 2
     assert "no vote by hf:organism:blind, hf:organism:grounded on any of 16 frames" in told
@@ -103,7 +103,7 @@ def test_a_committee_of_two_is_scored_on_what_it_never_saw(base: Path, stack: Pa
 def test_a_stack_says_hazard_clear_and_nothing_of_a_picture_without_a_road(base: Path, stack: Path) -> None:
     """Through ``Guardian.load`` and through ``eyechart serve``: the same answers, from real weights."""
     bank = open_bank(base / "bank")
-    scored = structured.score(base / "votes").models[SEEING].told
+    scored = structured.score(base / "votes").models[SEEING].answers
     votes = zip(scored.frames, scored.gap_m, scored.estimates("real"), scored.estimates("mirrored"), strict=True)
     right = [
         (gap_m, frame)

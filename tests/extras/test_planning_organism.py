@@ -34,7 +34,7 @@ def test_its_driving_depends_on_its_eyes(run: Path) -> None:
     """It gets farther with real pictures than mirrored, in worlds that only a look at the side can get through."""
     drives = {drive.driver.condition: drive for drive in read_drives([run]) if drive.driver.policy.startswith("hf:")}
     reached = {
-        condition: sum(map(outcomes_of(list(drives.values())).success, drive.episodes))
+        condition: sum(map(outcomes_of(list(drives.values())).is_success, drive.episodes))
         for condition, drive in drives.items()
     }
     metres = {condition: sum(episode.distance_m for episode in drives[condition].episodes) for condition in drives}

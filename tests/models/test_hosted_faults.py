@@ -204,7 +204,7 @@ def test_an_address_may_carry_a_query(tmp_path: Path) -> None:
     assert (mode.base_url, mode.query) == (AZURE.partition("?")[0], {"api-version": "2024-10-21"})
     (tmp_path / "mode.toml").write_text(mode_text(mode), encoding="utf-8")
     assert read_mode(tmp_path / "mode.toml") == mode
-    assert not mode.same_request(RequestMode("openai:m", base_url=mode.base_url))
+    assert not mode.is_same_request(RequestMode("openai:m", base_url=mode.base_url))
     asked = []
 
     async def note(request: web.Request, body: object, attempt: int) -> web.Response:

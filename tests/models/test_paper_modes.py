@@ -82,7 +82,7 @@ def test_where_a_mode_comes_from_changes_no_request() -> None:
     """It is kept with a run, and a run is resumed by the same mode without it."""
     mode = known_modes()["structured-gemma4-12b"]
     plain = RequestMode(mode.spec, structured="json_schema", options={"think": False})
-    assert mode.same_request(plain)
+    assert mode.is_same_request(plain)
     assert RequestMode.from_dict(mode.as_dict()) == mode
 
 

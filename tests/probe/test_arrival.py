@@ -24,9 +24,9 @@ def large_sample(kind: str = "PNG") -> Sample:
     plain = default_sample()
     asked = [
         (prompt, replace(seen, images={name: enlarged(image, kind) for name, image in seen.images.items()}))
-        for prompt, seen in plain.asked
+        for prompt, seen in plain.questions
     ]
-    return replace(plain, asked=asked)
+    return replace(plain, questions=asked)
 
 
 def pinned(endpoint: Endpoint) -> ProbeResult:
@@ -108,14 +108,14 @@ def test_pictures_seldom_seem_to_come_in_some_calls_only(right: float, missed: f
 
 def test_the_largest_picture_of_a_run_is_the_one_that_is_drawn() -> None:
     """Also where the first frame's is small, and the server drops the others by their size."""
-    small, large = default_sample().asked, large_sample().asked
+    small, large = default_sample().questions, large_sample().questions
     with (
         FaultServer([OnTheWay(way="drops")]) as server,
         pytest.raises(ProbeError, match=r"'picture' fails: pictures of this run's size \(640×400\)"),
     ):
         probe(
             RequestMode("openai:m", base_url=server.base_url),
-            sample=replace(default_sample(), asked=[small[0], *large[1:]]),
+            sample=replace(default_sample(), questions=[small[0], *large[1:]]),
         )
 
 
@@ -154,10 +154,10 @@ def rig_sample(cameras: tuple[str, ...] = ("front", "rear")) -> Sample:
     plain = default_sample()
     asked = [
         (prompt, replace(seen, images=dict.fromkeys(cameras, one)))
-        for prompt, seen in plain.asked
+        for prompt, seen in plain.questions
         for one in [enlarged(next(iter(seen.images.values())))]
     ]
-    return replace(plain, asked=asked)
+    return replace(plain, questions=asked)
 
 
 def test_pictures_of_one_query_that_collapse_are_found_before_the_run() -> None:
@@ -222,10 +222,10 @@ def test_a_camera_whose_size_does_not_arrive_is_found_beside_one_that_does() -> 
     sample = default_sample()
     asked = [
         (prompt, replace(seen, images={"front": one, "rear": enlarged(one)}))
-        for prompt, seen in sample.asked
+        for prompt, seen in sample.questions
         for one in [next(iter(seen.images.values()))]
     ]
-    sample = replace(sample, asked=asked)
+    sample = replace(sample, questions=asked)
     with (
         FaultServer([Rig(most=500 * 384)]) as server,
         pytest.raises(ProbeError, match="'picture' fails: of 2 pictures"),

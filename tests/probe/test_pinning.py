@@ -130,7 +130,7 @@ def test_the_sample_is_the_runs_own_question() -> None:
     """The default is a built-in prompt on sketches, with the driving actions for a schema."""
     sample = default_sample("structured")
     query = sample.query(4)
-    assert (query.system, query.user) == (sample.asked[0][0].system, sample.asked[0][0].user)
+    assert (query.system, query.user) == (sample.questions[0][0].system, sample.questions[0][0].user)
     assert query.schema == DRIVING.schema()
     assert sample.query(4, picture=False).image is None
     assert sample.wants_json

@@ -54,7 +54,7 @@ def test_clauses_and_worst_frames_stand_there_with_their_views(run: Path) -> Non
     assert re.search(r"close_accuracy 0\.750 0\.500 \[0\.\d+, 0\.\d+\] 95 % 8 fail share of frames", words)
     assert words.count(" pass ") == 7 + 3
     order = re.findall(r"<h4><bdi>(single-0-\d)</bdi>", html)
-    told = evidence[0].score.models[NEVER].told
+    told = evidence[0].score.models[NEVER].answers
     worst = max(range(8), key=lambda place: len(faults(told, place)))
     assert order[0] == told.frames[worst].id
     assert sorted(order) == [frame.id for frame in told.frames]

@@ -41,11 +41,11 @@ def test_replies_that_were_all_cut_off_before_a_word_say_so() -> None:
     cut = Reply("", "length", reasoning="Let me")
     assert not is_empty(cut)
     found = Emptiness.of([cut, cut, Reply("", "MAX_TOKENS")])
-    assert found.whole
+    assert found.is_whole
     assert found.words == (
         "all 3 replies are empty: 3 were cut off before their first word, 2 of them while the model reasoned; raise "
         "--max-tokens, or switch thinking off"
     )
-    assert not Emptiness.of([cut, Reply("STOP", "stop")]).whole
-    assert Emptiness.of([cut, Reply("", "stop")]).whole
+    assert not Emptiness.of([cut, Reply("STOP", "stop")]).is_whole
+    assert Emptiness.of([cut, Reply("", "stop")]).is_whole
     assert Emptiness.of([Reply("", "stop")] * 2).words.startswith("all 2 replies are empty: the server's log")

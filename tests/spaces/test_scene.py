@@ -45,7 +45,7 @@ def test_the_policy_goes_on_turns_slows_or_stops_by_the_gap_and_the_sides(
 @pytest.mark.parametrize(("gap_m", "close"), [(None, False), (18.0, False), (17.9, True)])
 def test_a_lead_is_close_below_eighteen_metres(*, gap_m: float | None, close: bool) -> None:
     """The paper's threshold is strict, and no lead is no close lead."""
-    assert Scene(gap_m, left_clear=False, right_clear=False).close is close
+    assert Scene(gap_m, left_clear=False, right_clear=False).is_close is close
 
 
 @pytest.mark.parametrize(("gap_m", "action"), [(4.9, "STOP"), (5.0, "LEFT"), (14.9, "LEFT"), (15.0, "STRAIGHT")])
@@ -55,4 +55,4 @@ def test_the_policy_goes_by_the_distances_of_the_scenes_world(gap_m: float, acti
     scene = Scene(gap_m, left_clear=True, right_clear=False, distances=near)
     assert safe_action(scene) == action
     assert safe_action(scene.mirrored()) == MIRROR[action]
-    assert scene.close == (gap_m < 8.0)
+    assert scene.is_close == (gap_m < 8.0)

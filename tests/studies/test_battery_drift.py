@@ -199,7 +199,7 @@ def test_memory_earns_no_depth_in_a_real_run(
     asked = [by_seed[query.seed] for query in made.queries]
     assert [sent[turn] for turn in range(len(asked))] == [(key.frame, key.condition) for key in asked]
     assert verdict.calibrated.label == label
-    assert not score.evidence()[spec].unfinished
+    assert not score.evidence()[spec].is_unfinished
     if label != "depth":
         assert "that earlier pictures move its braking less than half as much is not" in verdict.calibrated.because
         assert verdict.why_not is not None

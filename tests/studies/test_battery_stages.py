@@ -225,7 +225,7 @@ def test_a_stage_that_is_not_finished_is_asked_and_not_judged(bank: FrameBank, t
     assert (one.planned, one.answered) == (first + 2 * LEADS, first + 20)
     full = study.score(tmp_path / "whole", resamples=99).models[READER].statistics
     assert one.statistics["depth_interventional"] == full["depth_interventional"]
-    assert score.evidence()[READER].unfinished
+    assert score.evidence()[READER].is_unfinished
 
 
 def test_a_stage_makes_no_call_again_that_a_walk_over_the_frames_has_made(bank: FrameBank, tmp_path: Path) -> None:

@@ -115,12 +115,12 @@ def test_on_real_pictures_the_verdicts_are_those_of_the_whole_battery(demo: Demo
         assert one.stopped is not None
         late = (full.calibrated.label, full.lateral.label)
         assert (one.calibrated.label, one.lateral.label) == late, name
-        most = 0.7 if one.stopped.whole else 1 / 2
+        most = 0.7 if one.stopped.is_whole else 1 / 2
         assert one.stopped.calls + one.stopped.beyond <= one.stopped.planned * most
         assert one.paper.label == NOT_JUDGED
         assert full.stopped is None
         early_numbers, numbers = ([number for number in of.numbers if number.name != ORDERED] for of in (one, full))
-        assert (early_numbers == numbers) is one.stopped.whole or not numbers, name
+        assert (early_numbers == numbers) is one.stopped.is_whole or not numbers, name
         assert [number.outcome for number in one.numbers] == [number.outcome for number in full.numbers]
 
 

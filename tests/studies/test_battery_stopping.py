@@ -241,7 +241,7 @@ def test_distance_is_not_settled_before_its_controls(rule: simulated.Rule) -> No
     """Who brakes for whoever is near, the wrong way round, or by the file, has near over far and no early verdict."""
     course = StoppingState(layout())
     course.advance(given(simulated.answers(rule, FRAMES)))
-    assert course.claims["near_far"].settled
+    assert course.claims["near_far"].is_settled
     assert course.label == "depth"
     assert course.is_exhausted
     assert course.stopped(len(course.counted)) is None
@@ -260,7 +260,7 @@ def test_the_walk_over_the_controls_of_depth_asks_all_frames() -> None:
     seen = {name: {frame for frame, condition in course.counted if condition == name} for name in ALL}
     assert all(len(seen[name]) == len(FRAMES) for name in along)
     assert all(len(seen[name]) < 30 for name in ("blank", "noise", "shuffled", "recoloured"))
-    assert course.settled
+    assert course.is_settled
     assert course.wanted(course.layout.order[-1]) == ()
 
 
@@ -289,7 +289,7 @@ def test_once_distance_is_settled_only_its_checks_are_asked() -> None:
     assert course.frames < 12
     assert course.wanted(asked.order[-1]) == ("real", "real_repeat", "mirrored")
     course.advance(calls)
-    assert course.settled
+    assert course.is_settled
     assert course.wanted(asked.order[-1]) == ()
 
 
@@ -323,7 +323,7 @@ def test_errors_settle_nothing() -> None:
     course.advance({(frame, name): Decision(None, "error") for frame in asked.order for name in ALL})
     assert course.is_exhausted
     assert course.stopped(len(course.counted)) is None
-    assert not course.claims["unscorable"].settled
+    assert not course.claims["unscorable"].is_settled
 
 
 def test_losing_answers_late_turns_a_verdict_into_not_scorable() -> None:
@@ -468,7 +468,7 @@ def test_a_refusal_differs_in_outputs_and_not_in_decisions(name: str) -> None:
     claim = claims(144, DRIVING, ALL, mirrored=True)[name]
     for _ in range(12):
         claim.add(row(**{**SAME, "blank": ""}))
-    assert claim.settled == (name == "presence_response")
+    assert claim.is_settled == (name == "presence_response")
 
 
 def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
@@ -477,7 +477,7 @@ def test_an_e_value_is_a_statistic_that_says_what_it_tested() -> None:
     for _ in range(8):
         claim.add(row(lead_near="STOP", lead_far="SLOW"))
     value = claim.statistic()
-    assert claim.settled
+    assert claim.is_settled
     assert value.n == 8
     assert value.value == pytest.approx(144.6, abs=0.1)
     assert value.p == pytest.approx(1 / value.value)

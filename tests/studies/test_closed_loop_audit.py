@@ -75,7 +75,7 @@ def test_a_constant_is_called_so_and_holm_leaves_it_out(tmp_path: Path) -> None:
 
     alone = score(make_run(tmp_path / "a", drive("reader", by_depth))).audit[0]
     rows = score(make_run(tmp_path / "b", [*drive("reader", by_depth), *drive("nearly", nearly)])).audit
-    assert rows[1].constant
+    assert rows[1].is_constant
     assert rows[1].label == "constant"
     assert rows[1].statistics["unparsed_rate"].value == pytest.approx(7 / 20)
     assert rows[1].reasons == {"unparsed": 224}
@@ -222,7 +222,7 @@ def test_a_planted_cache_is_suspect(tmp_path: Path) -> None:
     add_replies(run, episodes, cached, lambda step: step.frame)
     scored = score(run)
     (found,) = scored.twins
-    assert (found.kind, found.same, scored.suspect) == ("suspect caching", 32, True)
+    assert (found.kind, found.same, scored.is_suspect) == ("suspect caching", 32, True)
     assert "640 of 640 replies are word for word the same" in found.words
     assert "the median reply took 0.002 s against 1.5 s" in found.words
 
@@ -281,7 +281,7 @@ def test_what_needs_no_cache_is_not_suspected(tmp_path: Path) -> None:
     found = score(runs)
     assert [twin.kind for twin in found.twins] == ["repeats itself"]
     assert [row.driver.label for row in found.ladder] == ["first · model", "second · model"]
-    assert not found.suspect
+    assert not found.is_suspect
 
 
 @pytest.mark.parametrize(("seconds", "kind"), [(0.09, "repeats itself"), (1.0, "suspect caching")])
@@ -330,5 +330,5 @@ def test_one_model_that_decides_alike_under_two_conditions_is_no_cache(tmp_path:
     episodes = [*drive("m", by_depth), *drive("m", by_depth, condition="mirrored")]
     scored = score(make_run(tmp_path / "run", episodes, models=["m"]))
     (found,) = scored.twins
-    assert not scored.suspect
+    assert not scored.is_suspect
     assert "makes the same decisions with real and mirrored pictures" in found.words

@@ -102,7 +102,7 @@ def test_a_checkpoint_whose_guard_failed_is_not_compared(bank: FrameBank, tmp_pa
     assert said[1].endswith(f"not compared: guard constant of {specs[1]}, step 150")
     assert not any("on it" in one for one in said)
     assert course.changes[0].labels["guards"] == ("", "constant")
-    assert not course.replicated
+    assert not course.is_replicated
     shares, _ = course.tables()
     row = next(row for row in shares.rows if row[0] == specs[1])
     assert row[2].text == "constant"

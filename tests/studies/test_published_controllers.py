@@ -201,5 +201,5 @@ def test_counts_know_the_names_of_each_frame(name: str, tmp_path: Path) -> None:
     assert (unread.count, unread.missing, unread.why) == (others, "unparsed", "other_value")
     account = study.took(out, read_prices()).accounts["openai:m"]["all"]
     assert (account.missing, account.finished) == ({"unparsed": others}, 3 * len(bank))
-    (shown,) = LiveRun(out, read_prices()).asked()
+    (shown,) = LiveRun(out, read_prices()).models()
     assert f"in {others} of {3 * len(bank)} answers no decision is read" in shown.warnings

@@ -78,7 +78,7 @@ def test_the_picture_holds_the_answer(control: EstimatorScore) -> None:
     statistics = control.statistics
     assert statistics["gap_mae_m"].detail["largest"] < 0.5 / 5.5 + 0.001  # ground truth has three decimals
     assert statistics["gap_mae_m"].value < 0.055
-    assert statistics["gap_mae_m"].n == control.told.visible.sum() > 40
+    assert statistics["gap_mae_m"].n == control.answers.visible.sum() > 40
     for name in ("parse", "balanced_accuracy", "scene_equivariance", "action_equivariance", "swap_rate"):
         assert statistics[name].value == 1.0
     assert statistics["actions"].value == 5
@@ -126,7 +126,7 @@ def test_an_oracle_is_admitted_without_an_error(
 def test_the_admission_set_is_balanced_seeded_and_recorded(admission: StructuredScore, bank: FrameBank) -> None:
     """Eight close frames and eight others that demand every action, the same for a seed, in the run's manifest."""
     frames = choose(bank, 0)
-    assert [bank.manifest.gap.near(frame) for frame in frames].count(True) == 8
+    assert [bank.manifest.gap.is_near(frame) for frame in frames].count(True) == 8
     assert {frame.truth["demand"] for frame in frames} == set(DRIVING.actions)
     assert admission.manifest.frames == tuple(frame.id for frame in frames)
     assert admission.as_dict()["frames"] == list(admission.manifest.frames)
@@ -189,7 +189,7 @@ def test_what_the_calls_took_counts_estimates(admission: StructuredScore) -> Non
     silent = "scripted:scene_silent_when_free"
     assert admission.accounting[CONTROL]["all"].missing == {}
     assert admission.accounting[silent]["all"].missing == {"unparsed": 4}
-    assert admission.models[silent].told.reasons == {"missing_field": 4}
+    assert admission.models[silent].answers.reasons == {"missing_field": 4}
     outcomes = {guard.name: guard.holds for guard in admission.guards[CONTROL]}
     assert outcomes["outcomes"] is True
     assert outcomes["degeneracy"] is True
@@ -288,10 +288,13 @@ def test_frames_from_a_collision_on_do_not_count_before_it(tmp_path: Path) -> No
     own = banks.build_bank(tmp_path / "bank", scenarios=["light"], episodes=2, steps=4)
     crashed = [_crashed(frame, crash=frame.episode == "light-0" and frame.step == 2) for frame in own]
     wrecked = FrameBank(own.root, tuple(crashed), own.manifest)
-    before = structured.read_told("m", [], wrecked, wrecked.frames).before
+    before = structured.read_scene_answers("m", [], wrecked, wrecked.frames).before
     assert before is not None
     assert before.tolist() == [True, True, False, False, True, True, True, True]
-    assert structured.read_told("m", [], FrameBank(own.root, own.frames[2:3], own.manifest), ()).before is not None
+    assert (
+        structured.read_scene_answers("m", [], FrameBank(own.root, own.frames[2:3], own.manifest), ()).before
+        is not None
+    )
 
 
 def _crashed(frame: object, *, crash: bool) -> object:
@@ -352,7 +355,7 @@ def test_an_estimate_without_a_picture_is_counted_by_name_and_by_the_version_of_
     out, file = tmp_path / "run", tmp_path / "run" / "run.json"
 
     def counted(found: StructuredScore) -> tuple[object, Mapping[str, int]]:
-        return found.as_dict()["reader"], found.models["oracle:none"].told.reasons
+        return found.as_dict()["reader"], found.models["oracle:none"].answers.reasons
 
     assert counted(ran("structured", bank, out, ["oracle:none"], limit=2)) == (4, {"says_error": 4})
     file.write_text(json.dumps({**json.loads(file.read_text(encoding="utf-8")), "reader": 3}), encoding="utf-8")

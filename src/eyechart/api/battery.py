@@ -174,7 +174,7 @@ def run_battery(
     named: dict[str, Any] = {**asking}
     root, place = placed(bank), Path(out).absolute()
     how = {name: named.pop(name) for name in _Mode.__annotations__ if name in named}
-    asked = _models(models, how)
+    subjects = _models(models, how)
     concurrency = whole_number("concurrency", concurrency, 1)
     if "seed" in named:
         named["seed"] = whole_number("seed", named["seed"], 0)
@@ -194,7 +194,7 @@ def run_battery(
 
     bounds = {"concurrency": concurrency, "again": again, "sequential": sequential}
     allowed = RunAllowance(read_prices(), no_probe=not probe, moved=moved, **bounds, **cluster)
-    planned = asked.planned(partial(battery.plan, root, out=place, extent=extent, **named), [place], allowed)
+    planned = subjects.planned(partial(battery.plan, root, out=place, extent=extent, **named), [place], allowed)
     planned.make(allowed, moving(progress))
     return _read_report(still(out, place))
 

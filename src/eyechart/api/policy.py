@@ -43,7 +43,7 @@ class PolicyReport(RunReport[PolicyScore, PolicyVerdict]):
     for the verdicts in words; a notebook shows them as cards.
     """
 
-    asked: ClassVar[str] = "policy"
+    subject: ClassVar[str] = "policy"
 
     def rows(self) -> list[dict[str, object]]:
         """Return every statistic of every policy as a row of values, for ``pandas.DataFrame``.
@@ -151,7 +151,7 @@ def run_policies(
     how: dict[str, Any] = {
         name: one for name, one in asking.items() if name in _Mode.__annotations__ and (patient or name != "timeout_s")
     }
-    asked = subjects_of(policies, "policy", "policies", how, hold)
+    subjects = subjects_of(policies, "policy", "policies", how, hold)
     planned_of = partial(
         policy.plan,
         root,
@@ -163,7 +163,7 @@ def run_policies(
     )
 
     most = None if most is None else whole_number("max_calls", most, 1)
-    usual = 8 if any(states(mode.spec) for mode in asked.modes) else 1
+    usual = 8 if any(states(mode.spec) for mode in subjects.modes) else 1
     at_once = whole_number("concurrency", asking.get("concurrency", usual), 1)
     bounds: dict[str, Any] = {"max_calls": most, "max_cost": asking.get("max_cost"), "concurrency": at_once}
     allowed = RunAllowance(
@@ -176,7 +176,7 @@ def run_policies(
         gpus=asking.get("gpus", 0.0),
         **bounds,
     )
-    planned: PolicyRun = asked.planned(planned_of, [place], allowed)
+    planned: PolicyRun = subjects.planned(planned_of, [place], allowed)
     outcome = planned.make(allowed, moving(progress))
     for spec, why in outcome.set_aside.items():
         said = f"{spec} was set aside, and is judged by its answers before that: {printable(why)}"
@@ -209,11 +209,11 @@ def examine_policy(
     ``print`` the result for one line per check; ``.exit_code`` is 0 if nothing is wrong. Raises
     SpecError if it is no policy, and BankError if the bank declares no motion or has one episode.
     """
-    asked = subjects_of(policy, "policy", "policies", {} if timeout_s is None else {"timeout_s": timeout_s}, hold)
-    if len(asked.modes) != 1:
-        raise SpecError(f"examine_policy takes one policy, not {len(asked.modes)}")
+    subjects = subjects_of(policy, "policy", "policies", {} if timeout_s is None else {"timeout_s": timeout_s}, hold)
+    if len(subjects.modes) != 1:
+        raise SpecError(f"examine_policy takes one policy, not {len(subjects.modes)}")
     frames = bank if isinstance(bank, FrameBank) else open_bank(Path(bank))
-    return doctor.examine_policy(asked.held.get(asked.modes[0].spec, asked.modes[0]), frames, prompt=prompt)
+    return doctor.examine_policy(subjects.held.get(subjects.modes[0].spec, subjects.modes[0]), frames, prompt=prompt)
 
 
 def _read(run: Path | str, *, reread: bool = False) -> PolicyReport:

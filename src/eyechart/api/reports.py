@@ -36,14 +36,14 @@ class RunReport(ABC, Generic[S, V]):
     path: Path
     score: S
     verdicts: Mapping[str, V]
-    asked: ClassVar[str] = "model"
+    subject: ClassVar[str] = "model"
 
     @speaks_of_arguments
     def __getitem__(self, model: str) -> V:
         """Return the verdict on a model; raises SpecError that lists the models of the run."""
         if model not in self.verdicts:
             raise SpecError(
-                f"{self.path} holds no {self.asked} '{model}'; it holds {', '.join(self.verdicts) or 'none'}"
+                f"{self.path} holds no {self.subject} '{model}'; it holds {', '.join(self.verdicts) or 'none'}"
             )
         return self.verdicts[model]
 
@@ -55,7 +55,7 @@ class RunReport(ABC, Generic[S, V]):
 
     def __repr__(self) -> str:
         labels = ", ".join(f"{spec}: {verdict.headline}" for spec, verdict in self.verdicts.items())
-        return f"<{type(self).__name__} on {self.path}: {labels or f'no {self.asked}'}>"
+        return f"<{type(self).__name__} on {self.path}: {labels or f'no {self.subject}'}>"
 
     def __str__(self) -> str:
         return "\n\n".join([*filter(None, [self._said()]), f"Scope: {self._scope()}"])

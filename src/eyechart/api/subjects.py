@@ -42,8 +42,8 @@ class Subjects:
         def plan_of(modes: Sequence[RequestMode]) -> P:
             return plan(specs=[self.held.get(mode.spec, mode) for mode in modes])
 
-        asked = RunModes(self.modes, self.by_spec, self.how)
-        result = plan_probed(Planner(plan_of, runs), asked, allowed, partial(_ask, fixed=[*self.how]))[0]
+        run_modes = RunModes(self.modes, self.by_spec, self.how)
+        result = plan_probed(Planner(plan_of, runs), run_modes, allowed, partial(_ask, fixed=[*self.how]))[0]
         assert result is not None  # a failed probe raises before this
         return result
 
@@ -93,16 +93,16 @@ def still(out: Path | str, place: Path) -> Path:
     return Path(out) if Path(out).absolute() == place else place
 
 
-def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type]) -> list[tuple[str, object]]:
-    """Return each of the ``asked`` subjects with its given name, or "" for none.
+def each_named(given: object, kind: str, argument: str, by_spec: Sequence[type]) -> list[tuple[str, object]]:
+    """Return each of the ``given`` subjects with its name, or "" for none.
 
     Types in ``by_spec`` have a name already; a mapping names callables. Raises SpecError that names
     the ``argument`` if one is not a ``kind`` (model, policy).
     """
     own = tuple(by_spec)
     several: list[tuple[str, object]]
-    if isinstance(asked, Mapping):
-        several = [*asked.items()]
+    if isinstance(given, Mapping):
+        several = [*given.items()]
         for name, one in several:
             if isinstance(one, own):
                 raise SpecError(
@@ -111,10 +111,10 @@ def each_named(asked: object, kind: str, argument: str, by_spec: Sequence[type])
                 )
             if not isinstance(name, str):
                 raise SpecError(f"{argument} maps names to callables; {name!r} is not a name")
-    elif isinstance(asked, own) or not isinstance(asked, Sequence):
-        several = [("", asked)]
+    elif isinstance(given, own) or not isinstance(given, Sequence):
+        several = [("", given)]
     else:
-        several = [("", one) for one in asked]
+        several = [("", one) for one in given]
     for _, one in several:
         if not (isinstance(one, own) or callable(one)):
             kinds = ", a ".join(each for each in ("SPEC", *(one.__name__ for one in own if one is not str)))

@@ -42,7 +42,7 @@ def _short(text: str) -> str:
     return f"'{plain}'" if len(plain) <= _SHOWN else f"'{plain[:_SHOWN]}…'"
 
 
-def same_number(one: float, other: float, noise: float = NOISE) -> bool:
+def is_same_number(one: float, other: float, noise: float = NOISE) -> bool:
     """Return whether two numbers agree within the tolerance, or within ``noise``."""
     return one == other or abs(one - other) <= max(noise, TOLERANCE * max(abs(one), abs(other)))
 
@@ -58,11 +58,11 @@ class RoundedNumbers:
         """Return the rounding of all numbers in plain JSON values."""
         return cls(tuple(sorted({float(value) for value in _numbers(results) if math.isfinite(value)})))
 
-    def same(self, printed: str, recomputed: str) -> bool:
+    def is_same(self, printed: str, recomputed: str) -> bool:
         """Return whether two texts agree, up to ties in rounding."""
-        return printed == recomputed or _alike(printed, recomputed, self._tie)
+        return printed == recomputed or _is_alike(printed, recomputed, self._is_tie)
 
-    def _tie(self, one: str, other: str) -> bool:
+    def _is_tie(self, one: str, other: str) -> bool:
         """Return whether a recomputed number lies midway between two, one last digit apart."""
         digits = {len(text.partition(".")[2]) for text in (one, other)}
         a, b = float(one), float(other)
@@ -105,15 +105,15 @@ def compare_values(
             yield PrintedDifference(name(path), f"{len(printed)} values", f"{len(recomputed)} values")
         for place, (one, other) in enumerate(zip(printed, recomputed, strict=False)):
             yield from compare_values(one, other, rounding, name, (*path, place))
-    elif not _same_leaf(printed, recomputed, rounding, 0.0 if "holm" in path or path[-1:] == ("p",) else NOISE):
+    elif not _is_same_leaf(printed, recomputed, rounding, 0.0 if "holm" in path or path[-1:] == ("p",) else NOISE):
         yield PrintedDifference(name(path), str(printed), str(recomputed))
 
 
-def _same_leaf(printed: object, recomputed: object, rounding: RoundedNumbers, noise: float) -> bool:
+def _is_same_leaf(printed: object, recomputed: object, rounding: RoundedNumbers, noise: float) -> bool:
     if isinstance(printed, str) and isinstance(recomputed, str):
-        return rounding.same(printed, recomputed)
+        return rounding.is_same(printed, recomputed)
     if isinstance(printed, float) and isinstance(recomputed, float):
-        return same_number(printed, recomputed, noise)
+        return is_same_number(printed, recomputed, noise)
     return type(printed) is type(recomputed) and printed == recomputed
 
 
@@ -126,7 +126,7 @@ def compare_tables(file: str, printed: str, recomputed: str, rounding: RoundedNu
     if len(mine) != len(theirs):
         yield PrintedDifference(file, f"{len(mine)} lines", f"{len(theirs)} lines")
     for number, (one, other) in enumerate(zip(mine, theirs, strict=False), 1):
-        if not rounding.same(one, other):
+        if not rounding.is_same(one, other):
             yield _line_difference(f"{file}, line {number}", one, other)
 
 
@@ -151,7 +151,7 @@ def _compare_csv(file: str, printed: str, recomputed: str, rounding: RoundedNumb
     for one, other in zip(mine, theirs, strict=False):
         for column, (cell, expected) in enumerate(zip(one, other, strict=False)):
             what = header[column] if column < len(header) else str(column)
-            if not _same_cell(cell, expected, rounding, 0.0 if what in {"p", "Holm p"} else NOISE):
+            if not _is_same_cell(cell, expected, rounding, 0.0 if what in {"p", "Holm p"} else NOISE):
                 row = " ".join(other[: 2 if file.endswith("statistics.csv") else 1])
                 yield PrintedDifference(f"{file}, {row}, {what}", cell, expected)
     if skeleton(printed) != skeleton(recomputed):
@@ -163,18 +163,18 @@ def skeleton(text: str) -> str:
     return _NUMBER.sub("0", text)
 
 
-def _same_cell(printed: str, recomputed: str, rounding: RoundedNumbers, noise: float) -> bool:
+def _is_same_cell(printed: str, recomputed: str, rounding: RoundedNumbers, noise: float) -> bool:
     if _NUMBER.fullmatch(printed) and _NUMBER.fullmatch(recomputed) and {"."} & {*printed, *recomputed}:
-        return same_number(float(printed), float(recomputed), noise)
-    return rounding.same(printed, recomputed)
+        return is_same_number(float(printed), float(recomputed), noise)
+    return rounding.is_same(printed, recomputed)
 
 
-def same_drawing(printed: str, recomputed: str) -> bool:
+def is_same_drawing(printed: str, recomputed: str) -> bool:
     """Return whether two attributes of a drawing put the same things at the same positions."""
-    return _alike(printed, recomputed, lambda one, other: abs(float(one) - float(other)) <= DRAWN)
+    return _is_alike(printed, recomputed, lambda one, other: abs(float(one) - float(other)) <= DRAWN)
 
 
-def _alike(printed: str, recomputed: str, same: Callable[[str, str], bool]) -> bool:
+def _is_alike(printed: str, recomputed: str, same: Callable[[str, str], bool]) -> bool:
     """Return whether two texts differ only in numbers, and ``same`` holds for each pair."""
     if _NUMBER.split(printed) != _NUMBER.split(recomputed):
         return False
@@ -188,7 +188,7 @@ def first_difference(printed: Sequence[object], recomputed: Sequence[object]) ->
     return next((place for place, (one, other) in pairs if one != other), min(len(printed), len(recomputed)))
 
 
-def same_writing(values: object, text: str, write: Callable[[object], str]) -> bool:
+def is_same_writing(values: object, text: str, write: Callable[[object], str]) -> bool:
     """Return whether ``write`` gives this text for its values; never for NaN and infinity."""
     try:
         return write(values) == text

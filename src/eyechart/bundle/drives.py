@@ -118,7 +118,7 @@ def check_drives(run: Path, *, exact: bool, same_pictures: bool, how: ReplayChec
     result.compared.update({"episodes driven again": repeats.episodes, "steps": repeats.steps})
     _hold(repeats, result, words if exact else words or "another eyechart", same_pictures=same_pictures)
     _hold_vetting(vetted, manifest, simulator, result)
-    _hold_seen(seen, manifest, simulator, result, told=bool(read_seen(run)))
+    _hold_seen(seen, manifest, simulator, result, has_frames=bool(read_seen(run)))
     _say(run, manifest, episodes, result)
     return result
 
@@ -256,8 +256,10 @@ def _vetted(run: Path, how: ReplayCheck, found: RunCheck, *, same: bool) -> Sequ
 
 def _seen(run: Path, chosen: Sequence[Episode], *, same: bool) -> Sequence[tuple[ObservedFrames, Episode]]:
     """Return the chosen episodes that an online run recorded as checked, with that record."""
-    told = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)} if same else {}
-    found = ((told.get((episode.key.policy, episode.key.scenario, episode.key.seed)), episode) for episode in chosen)
+    recorded = {(one.policy, one.scenario, one.seed): one for one in read_seen(run)} if same else {}
+    found = (
+        (recorded.get((episode.key.policy, episode.key.scenario, episode.key.seed)), episode) for episode in chosen
+    )
     return [(mine, one) for mine, one in found if mine is not None and one.ended != "error"]
 
 
@@ -289,10 +291,10 @@ def _hold_seen(
     simulator: Simulator,
     found: RunCheck,
     *,
-    told: bool,
+    has_frames: bool,
 ) -> None:
     """Check again every frame that an online run recorded as checked."""
-    if not told:
+    if not has_frames:
         return
     if UNVETTED in found.uncompared:
         found.uncompared.append("how frames were checked")

@@ -14,8 +14,8 @@ from eyechart.bundle.differences import (
     RoundedNumbers,
     compare_values,
     first_difference,
-    same_drawing,
-    same_writing,
+    is_same_drawing,
+    is_same_writing,
     skeleton,
 )
 from eyechart.report.page import embedded_json, unpack
@@ -179,14 +179,14 @@ def _compare_tokens(
 ) -> Iterator[PrintedDifference]:
     if not other.shape:
         weighed = " MB before base64" in other.text and not how.pictures
-        if not rounding.same(token.text, other.text) and not weighed:
+        if not rounding.is_same(token.text, other.text) and not weighed:
             yield PrintedDifference(other.where, token.words, other.words)
         return
     mine, theirs = dict(token.attributes), dict(other.attributes)
     unlike = [
         name
         for name in [*theirs, *(name for name in mine if name not in theirs)]
-        if not _same_attribute(name, mine.get(name), theirs.get(name), rounding, drawn=other.drawn)
+        if not _is_same_attribute(name, mine.get(name), theirs.get(name), rounding, drawn=other.drawn)
     ]
     for name in unlike:
         words = f"{other.where}, {other.shape.partition(' ')[2]} {name}"
@@ -195,10 +195,12 @@ def _compare_tokens(
         yield PrintedDifference("report.html, its markup", "written in another way", "as a report is written")
 
 
-def _same_attribute(name: str, mine: str | None, theirs: str | None, rounding: RoundedNumbers, *, drawn: bool) -> bool:
+def _is_same_attribute(
+    name: str, mine: str | None, theirs: str | None, rounding: RoundedNumbers, *, drawn: bool
+) -> bool:
     if mine is None or theirs is None:
         return False
-    return same_drawing(mine, theirs) if drawn and name in _DRAWN else rounding.same(mine, theirs)
+    return is_same_drawing(mine, theirs) if drawn and name in _DRAWN else rounding.is_same(mine, theirs)
 
 
 def _compare_data(
@@ -212,7 +214,7 @@ def _compare_data(
         mine, theirs = (
             dict[str, Any](chain.from_iterable(json.loads(one).items() for one in side)) for side in (given, own)
         )
-        written = all(same_writing(json.loads(block), block, embedded_json) for block in given)
+        written = all(is_same_writing(json.loads(block), block, embedded_json) for block in given)
     except (ValueError, AttributeError, RecursionError):
         yield PrintedDifference("report.html, frames", "data that cannot be read", "the calls of the ledger")
         return

@@ -28,8 +28,8 @@ from eyechart.bundle.differences import (
     RoundedNumbers,
     compare_tables,
     compare_values,
+    is_same_writing,
     printable,
-    same_writing,
 )
 from eyechart.bundle.drives import ReplayCheck, RunCheck, check_drives, require_bounded_drives
 from eyechart.bundle.pages import Tolerance, compare_pages
@@ -195,11 +195,11 @@ def _recompute(
     """Recompute a run on a bank and compare; adds to ``found``."""
     run = folder / RUN_FOLDER
     _announce([run], again)
-    manifest, asked, bank = _check_calls(run, recipe, mine := RunCheck([], [], [], {}), tell)
+    manifest, bank_used, bank = _check_calls(run, recipe, mine := RunCheck([], [], [], {}), tell)
     made = recipe.elsewhere(manifest.prompt.readers)
     _add(mine, validation)
-    derived = derive(run, manifest, (asked, bank), recipe, tell)
-    pictures = used_pictures(manifest, asked)
+    derived = derive(run, manifest, (bank_used, bank), recipe, tell)
+    pictures = used_pictures(manifest, bank_used)
     held = {f"{RUN_FOLDER}/{name}" for name in (RUN, LEDGER, *(f"{BANK}/{file}" for file in (*BANK_TEXT, *pictures)))}
     validation.compared.update(derived.counted, pictures=len(pictures))
     _compare_derived(folder, names, held, recipe, made, derived, validation)
@@ -218,14 +218,14 @@ def _recompute_parts(
             require_bounded_drives(part)
             if name in PARTS and read_episodes_manifest(part).simulator != PARTS[name].simulator:
                 raise BundleError(f"{here} is no part of the hierarchy: it is not driven in {PARTS[name].simulator}")
-            same = _same(recipe, "pillow", "zlib")
+            same = _has_same(recipe, "pillow", "zlib")
             mine = check_drives(part, exact=made is None, same_pictures=same, how=again, tell=tell)
             held |= {f"{here}/{file}" for file in OF_DRIVES}
         else:
             mine = RunCheck([], [], [], {})
-            manifest, asked, _ = _check_calls(part, recipe, mine, tell)
+            manifest, bank_used, _ = _check_calls(part, recipe, mine, tell)
             held |= {f"{here}/{file}" for file in (RUN, LEDGER)}
-            held |= {f"{here}/{BANK}/{file}" for file in (*BANK_TEXT, *used_pictures(manifest, asked))}
+            held |= {f"{here}/{BANK}/{file}" for file in (*BANK_TEXT, *used_pictures(manifest, bank_used))}
         _add(mine, validation, said)
     derived = derive_parts(run, recipe, tell)
     validation.compared.update(derived.counted)
@@ -248,13 +248,13 @@ def _check_calls(run: Path, recipe: Recipe, check: RunCheck, tell: Tell) -> tupl
     manifest = read_manifest(run)
     _require_bounded(run, manifest)
     bank = open_unchecked(run / BANK)
-    asked = asked_of(bank, manifest.prompt, recipe.reader)
+    bank_used = asked_of(bank, manifest.prompt, recipe.reader)
     if not recipe.elsewhere(manifest.prompt.readers) and (run / RUN).read_bytes() != manifest.as_text().encode():
         check.differences.append(
             PrintedDifference(f"{RUN_FOLDER}/{RUN}", "written in another way", "as a run is written")
         )
     tell("checking the bank")
-    check.differences.extend(check_bank(manifest, asked))
+    check.differences.extend(check_bank(manifest, bank_used))
     with Ledger(run / LEDGER, sound=False) as ledger:
         damaged = ledger.damaged()
         check.differences.extend(
@@ -264,15 +264,17 @@ def _check_calls(run: Path, recipe: Recipe, check: RunCheck, tell: Tell) -> tupl
         if unchecked := ledger.unchecked():
             check.notes.append(f"{unchecked} replies are older than checksums: not checked")
         tell("checking the requests")
-        requests, count, unlike = check_requests(ledger, manifest, asked, same_encoder=_same(recipe, "pillow", "zlib"))
+        requests, count, unlike = check_requests(
+            ledger, manifest, bank_used, same_encoder=_has_same(recipe, "pillow", "zlib")
+        )
     check.differences.extend(requests)
-    frames = {key.frame for key in plan_of(manifest, asked).keys()}  # noqa: SIM118 - a plan is no mapping
+    frames = {key.frame for key in plan_of(manifest, bank_used).keys()}  # noqa: SIM118 - a plan is no mapping
     check.compared.update({"frames": len(frames), "requests": count})
     if unlike:
         named = ", ".join(unlike)
         check.notes.append(f"this machine encodes the pictures of {named} to other bytes: no request compared")
         check.uncompared.append(f"requests of {named}")
-    return manifest, asked, bank
+    return manifest, bank_used, bank
 
 
 def _compare_derived(
@@ -298,7 +300,7 @@ def _compare_derived(
     if made:
         _compare_elsewhere(folder, made, derived, validation)
         return
-    strict = Tolerance(drawings=_same(recipe, "matplotlib"), pictures=_same(recipe, "pillow", "webp"))
+    strict = Tolerance(drawings=_has_same(recipe, "matplotlib"), pictures=_has_same(recipe, "pillow", "webp"))
     validation.differences.extend(_compare(folder, derived, strict))
     if not strict.drawings:
         validation.notes.append("of the drawings only the words were compared")
@@ -338,7 +340,7 @@ def _read_results(folder: Path) -> dict[str, object]:
     return printed
 
 
-def _same(recipe: Recipe, *libraries: str) -> bool:
+def _has_same(recipe: Recipe, *libraries: str) -> bool:
     here = drawn_with()
     return all(recipe.drawn_with.get(name) == here[name] for name in libraries)
 
@@ -366,7 +368,7 @@ def _compare_file(
             yield PrintedDifference(RESULTS, "no JSON", "the results")
             return
         yield from compare_values(printed, derived.results, rounding, _result_name)
-        if not same_writing(printed, texts[0], lambda values: as_json(values).decode()):
+        if not is_same_writing(printed, texts[0], lambda values: as_json(values).decode()):
             yield PrintedDifference(RESULTS, "written in another way", "as results are written")
     elif name == REPORT:
         yield from compare_pages(*texts, rounding, how)
@@ -392,9 +394,9 @@ def check_bank(manifest: RunManifest, bank: FrameBank) -> Iterator[PrintedDiffer
     for frame in bank:
         if frame.geometry() != recorded.pop(frame.id, None):
             gap = bank.manifest.gap
-            told = "" if gap is None else f" ({gap.column} {frame.truth.get(gap.column)})"
+            gap_words = "" if gap is None else f" ({gap.column} {frame.truth.get(gap.column)})"
             digest = str(bank.manifest.geometry.get(frame.id))
-            yield PrintedDifference(f"bank, ground truth of frame '{frame.id}'{told}", digest, frame.geometry())
+            yield PrintedDifference(f"bank, ground truth of frame '{frame.id}'{gap_words}", digest, frame.geometry())
     for frame_id in recorded:
         yield PrintedDifference(f"bank, frame '{frame_id}'", "recorded", "missing")
     if [frame.id for frame in bank] != list(bank.manifest.geometry):

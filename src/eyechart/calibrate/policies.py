@@ -194,7 +194,7 @@ class LabelCounts:
         return self._most(less=TRUE_OF_THESE)
 
     @property
-    def missed(self) -> bool:
+    def is_missed(self) -> bool:
         """Return whether a false label is too frequent, by more than two standard errors."""
         most = WANTED + 2 * np.sqrt(WANTED * (1 - WANTED) / self.draws)
         return any(one is not None and bool(one > most) for one in (self.seen, self.claimed))
@@ -401,11 +401,11 @@ class _World:
         noise = one.artefact * full.mean() * self._rng.normal(size=n) + 0.3 * self._rng.normal(size=n)
         gains = one.share * full * (1 + jitter) + noise
         because = 0.0 if one.margin == "control" else one.share
-        told = because * full * (1 + jitter) + one.artefact * full.mean() * self._rng.normal(size=n) / 2
-        told = told + 0.3 * self._rng.normal(size=n)
+        instructed = because * full * (1 + jitter) + one.artefact * full.mean() * self._rng.normal(size=n) / 2
+        instructed = instructed + 0.3 * self._rng.normal(size=n)
         return {
             "follow.named": follow(gains, full, self._episode, seed=1),
-            "follow.told": follow(told, full, self._episode, seed=2),
+            "follow.told": follow(instructed, full, self._episode, seed=2),
         }
 
 
@@ -491,7 +491,7 @@ def power(
     ``matched`` counts the frames with a match at a similar state, and their episodes; the default
     is all. What a camera is used for is simulated on these frames alone.
     """
-    told, of = (frames, episodes) if matched is None else matched
+    matched_frames, of = (frames, episodes) if matched is None else matched
     kinds = {"same": PolicySetting(), "drawn": PolicySetting(noise=0.25, answers=4)}
     said: dict[str, dict[str, tuple[float, float]]] = {}
     apart: dict[str, dict[str, float]] = {}
@@ -499,13 +499,13 @@ def power(
         for share in SHARES:
             setting = replace(base, share=share, episodes=episodes, frames=max(frames, episodes))
             by_match = labels = _counted(_Batch(setting, 0, 0, draws))
-            if told < frames:
-                fewer = replace(setting, episodes=max(of, LEAST_SIMULATED), frames=max(told, LEAST_SIMULATED))
-                by_match = _counted(_Batch(fewer, 0, 0, draws)) if told else Counter[str]()
+            if matched_frames < frames:
+                fewer = replace(setting, episodes=max(of, LEAST_SIMULATED), frames=max(matched_frames, LEAST_SIMULATED))
+                by_match = _counted(_Batch(fewer, 0, 0, draws)) if matched_frames else Counter[str]()
             uses = sum(labels[label] for label in _USES)
             said.setdefault(kind, {})[f"{share:g}"] = labels["ignores_camera"] / draws, uses / draws
             apart.setdefault(kind, {})[f"{share:g}"] = sum(by_match[label] for label in _APART) / draws
-    return PolicyPower(episodes, frames, calls, left_out, said, apart, draws, told)
+    return PolicyPower(episodes, frames, calls, left_out, said, apart, draws, matched_frames)
 
 
 def table(tried: Sequence[LabelCounts]) -> Table:
@@ -519,7 +519,7 @@ def table(tried: Sequence[LabelCounts]) -> Table:
             one.false,
             one.seen,
             one.claimed,
-            "!" if one.missed else "",
+            "!" if one.is_missed else "",
         )
         for one in tried
     ]

@@ -96,8 +96,8 @@ def matched_of(bank: FrameBank) -> tuple[int, int]:
     if f"matched@{CAMERAS}" not in conditions_of(bank)[0]:
         return 0, 0
     there = partners(bank.frames, "matched", CAMERAS, bank.manifest.images, bank.manifest.motion) != NOBODY
-    asked = [frame.drive for frame, matched in zip(bank, there, strict=True) if matched]
-    return len(asked), len(set(asked))
+    episodes = [frame.drive for frame, matched in zip(bank, there, strict=True) if matched]
+    return len(episodes), len(set(episodes))
 
 
 def unreachable(bank: FrameBank) -> dict[str, str]:
@@ -149,10 +149,10 @@ def unmoved(bank: FrameBank) -> list[str]:
     They count as content, because no picture of the same episode shows other values. Empty if a
     world changes pictures while the state stays.
     """
-    return [] if _state_stays(bank, CAMERAS) or _its_pose(bank, CAMERAS) else own_pictures(bank, CAMERAS)[1]
+    return [] if _keeps_state(bank, CAMERAS) or _its_pose(bank, CAMERAS) else own_pictures(bank, CAMERAS)[1]
 
 
-def _state_stays(bank: FrameBank, channel: str) -> bool:
+def _keeps_state(bank: FrameBank, channel: str) -> bool:
     """Return whether a world moves objects or exchanges their colours in a channel's pictures."""
     over = "" if channel == CAMERAS else f"{OVER}{channel.removeprefix(CAMERA)}"
     able = conditions_of(bank)[0]
@@ -161,7 +161,7 @@ def _state_stays(bank: FrameBank, channel: str) -> bool:
 
 def _its_pose(bank: FrameBank, channel: str) -> str:
     """Return why no picture of a channel can be separated from its pose; empty if one can."""
-    if _state_stays(bank, channel):
+    if _keeps_state(bank, channel):
         return ""
     return conditions_of(bank)[1].get(f"near{OVER}{channel}", "") or own_pictures(bank, channel)[0]
 

@@ -50,14 +50,14 @@ def export(
                 "--run decides which calls are written: leave out --conditions, --prompt, --seed, --limit and "
                 "--controls"
             )
-        asked = questions_left(bank, run, model)
+        questions = questions_left(bank, run, model)
     else:
-        asked = questions_of(bank, _asking(prompt, conditions, seed, limit, controls), model)
-    for name, why in asked.left_out.items():
+        questions = questions_of(bank, _asking(prompt, conditions, seed, limit, controls), model)
+    for name, why in questions.left_out.items():
         say(f"left out: {name}, because {why}")
     with progress("export", "calls") as move:
-        calls, pictures = write_questions(asked, out, progress=move)
-    say(f"{calls} calls ({', '.join(f'{count} {name}' for name, count in asked.conditions.items())})")
+        calls, pictures = write_questions(questions, out, progress=move)
+    say(f"{calls} calls ({', '.join(f'{count} {name}' for name, count in questions.conditions.items())})")
     say(f"{pictures} pictures and the tables asked.jsonl and asked.csv in {out}")
 
 

@@ -48,8 +48,8 @@ def report(
         raise SpecError(f"an index of runs does not take {', '.join(given)}: give the runs themselves")
     studies = [] if listed else [study_of(run, "report" if against is None else "report --against") for run in runs]
     if len({study.runs_are for study in studies}) > 1:
-        told = ", ".join(f"{run} of {study.runs_are}" for run, study in zip(runs, studies, strict=True))
-        raise SpecError(f"a report needs runs of one kind ({told}): make one report for each kind")
+        kinds = ", ".join(f"{run} of {study.runs_are}" for run, study in zip(runs, studies, strict=True))
+        raise SpecError(f"a report needs runs of one kind ({kinds}): make one report for each kind")
     priced = None if prices is None else read_prices(prices)
     reading = ReadOptions(independent, reread, against, steps=read_steps(step, studies), fresh=fresh, prices=priced)
     with patience("report") as tell:

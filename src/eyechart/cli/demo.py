@@ -179,5 +179,5 @@ def _calibrate_policies(
             simulated.try_rules(draws, seed=seed, processes=processes, chosen=chosen, engine=engine, progress=move)
         )
     print_json([rule.as_dict() for rule in tried]) if json else print_each([simulated.table(tried)], 200)
-    if any(rule.missed for rule in tried):
+    if any(rule.is_missed for rule in tried):
         raise typer.Exit(1)

@@ -160,7 +160,14 @@ def hierarchy(
         print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
 
     runs, others = [out / name for name in PARTS], choice.sources != frozenset()
-    make(planned, runs, making.asked(policy, mode), making.allowed(out, processes=processes), show=show, others=others)
+    make(
+        planned,
+        runs,
+        making.run_modes(policy, mode),
+        making.allowed(out, processes=processes),
+        show=show,
+        others=others,
+    )
 
 
 @options.expanded
@@ -209,7 +216,7 @@ def online(
     done = (
         f"'eyechart score {out}' prints the results, 'eyechart gate {out}' checks them against the clauses of admission"
     )
-    make(planned, [out], making.asked(model, mode), making.allowed(out), done, show=check)
+    make(planned, [out], making.run_modes(model, mode), making.allowed(out), done, show=check)
 
 
 @options.expanded
@@ -291,7 +298,7 @@ def audit(
         print_json({"study": "closed_loop", **scored.audit_dict()})
     else:
         print_each(audit_printed(scored, twins=True), 160)
-    if scored.suspect:
+    if scored.is_suspect:
         raise typer.Exit(1)
 
 
@@ -357,16 +364,16 @@ def _drive(
     """
     from eyechart.policies import is_policy
 
-    asked = making.asked([policy for policy in policies if ":" in policy and not is_policy(policy)], modes)
-    names = list(dict.fromkeys([*policies, *(mode.spec for mode in asked.modes)]))
-    models = {mode.spec for mode in asked.modes}
+    run_modes = making.run_modes([policy for policy in policies if ":" in policy and not is_policy(policy)], modes)
+    names = list(dict.fromkeys([*policies, *(mode.spec for mode in run_modes.modes)]))
+    models = {mode.spec for mode in run_modes.modes}
 
     def planned(modes: "Sequence[RequestMode]") -> "EpisodesRun":
         by_spec = {mode.spec: mode for mode in modes}
         return plan([by_spec.get(spec, spec) for spec in names if spec in by_spec or spec not in models])
 
     others = not alone or len(models) < len(names)
-    make(planned, [out], asked, allowed, done, show=show, others=others)
+    make(planned, [out], run_modes, allowed, done, show=show, others=others)
 
 
 def _seeds(given: str) -> list[int]:
@@ -391,8 +398,8 @@ def _show(planned: "EpisodesRun", *, json: bool) -> None:
     if json:
         left = planned.unfinished()
         why = [one.as_dict() for one in unfinished(planned.out, left, planned.drivers.models)]
-        told = {"run": str(planned.out), "left": len(left), "unfinished": why}
-        print_json({**told, "rows": [row.as_dict() for row in rows]})
+        summary = {"run": str(planned.out), "left": len(left), "unfinished": why}
+        print_json({**summary, "rows": [row.as_dict() for row in rows]})
         return
     from eyechart.studies.closed_loop.tables import means_table
 

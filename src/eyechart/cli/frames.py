@@ -201,7 +201,7 @@ class SourceDescription:
             independent=self.independent,
             every=self.every,
             history=self.history,
-            convert=_convert(self.background, self.longest, asked=self.convert),
+            convert=_convert(self.background, self.longest, is_wanted=self.convert),
             keep_repeats=self.keep_repeats,
             numerals=numerals,
             strip=self.strip,
@@ -412,15 +412,15 @@ def plan(
     if opened.manifest.motion is not None and not model:
         from eyechart.calibrate.reach import PolicyReach
 
-        asked = PolicyReach.of(opened)
-        print_json(asked.as_dict()) if json else print_each([asked.power.table(), asked.details()])
+        reach = PolicyReach.of(opened)
+        print_json(reach.as_dict()) if json else print_each([reach.power.table(), reach.details()])
         return
     specs = list(dict.fromkeys(model or ()))
     for spec in specs:
         open_model(spec)
     found = power_of(opened, noise=noise)
     if json:
-        print_json({**found.as_dict(), "models": {spec: found.asked(spec) for spec in specs}})
+        print_json({**found.as_dict(), "models": {spec: found.of_model(spec) for spec in specs}})
         return
     print_each([found.table(), found.odds.table(), found.details(specs)], 160)
 
@@ -435,13 +435,13 @@ def _numerals(style: str, no_lead: str | None, wrong: "Faults") -> "Numerals":
     return Numerals("", marks)
 
 
-def _convert(background: str | None, longest: int | None, *, asked: bool) -> "Convert | None":
+def _convert(background: str | None, longest: int | None, *, is_wanted: bool) -> "Convert | None":
     """Return how pictures are converted; None without --convert."""
     from eyechart.importing import Convert
 
-    if not asked and (background, longest) != (None, None):
+    if not is_wanted and (background, longest) != (None, None):
         raise SpecError("--background and --longest need --convert: give --convert too")
-    return Convert(background or "white", longest) if asked else None
+    return Convert(background or "white", longest) if is_wanted else None
 
 
 def _seeds(text: str) -> tuple[int, ...]:

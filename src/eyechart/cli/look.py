@@ -70,12 +70,12 @@ def look(
     if accept not in (None, "part"):
         raise SpecError(f"--accept takes only 'part', not '{accept}'")
     pictures = Pictures(frames, photos, table, dataset, read_places(map_ or []), threshold, unit)
-    asked = _asked(spec_of(spec), mode, base_url)
-    require_lerobot([asked.spec], lerobot_python)
-    place = out or from_here(Path("looks") / folder_name(asked.spec))
+    request_mode = _request_mode(spec_of(spec), mode, base_url)
+    require_lerobot([request_mode.spec], lerobot_python)
+    place = out or from_here(Path("looks") / folder_name(request_mode.spec))
     from_here(Path(f"{as_typed(str(place))}-2"))  # records the folder of a second try as typed, too
     wanted = LookRequest(
-        asked,
+        request_mode,
         pictures,
         place,
         by_file=mode is not None,
@@ -103,7 +103,7 @@ def look(
     raise typer.Exit(found.exit_code(accept_part=accept == "part"))
 
 
-def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
+def _request_mode(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
     """Return a model's request mode; raises SpecError for another model's, or two addresses."""
     from eyechart.modes import mode_of
     from eyechart.studies.probes import read_modes
@@ -111,10 +111,10 @@ def _asked(spec: str, mode: Path | None, base_url: str | None) -> "RequestMode":
     given = {} if base_url is None else {"base_url": base_url}
     if mode is None:
         return mode_of(spec, given)
-    (asked,) = read_modes(None, [mode], given, say).modes
-    if asked.spec != spec:
-        raise SpecError(f"the mode {mode} is for '{asked.spec}', not for '{spec}': give that model's mode")
-    return asked
+    (only,) = read_modes(None, [mode], given, say).modes
+    if only.spec != spec:
+        raise SpecError(f"the mode {mode} is for '{only.spec}', not for '{spec}': give that model's mode")
+    return only
 
 
 def _agree(bill: "Bill", *, yes: bool) -> None:

@@ -216,7 +216,7 @@ class ModelRunOptions:
     dry_run: DryRun = False
     cluster: ClusterOptions = ON_THIS_MACHINE
 
-    def asked(self, specs: Sequence[str] | None, files: Sequence[Path] | None, **more: object) -> "RunModes":
+    def run_modes(self, specs: Sequence[str] | None, files: Sequence[Path] | None, **more: object) -> "RunModes":
         """Return the request modes of a command's models."""
         from eyechart.cli.terminal import say
         from eyechart.studies.probes import read_modes

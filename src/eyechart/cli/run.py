@@ -121,7 +121,7 @@ def battery(
         return study.plan(frames, modes, out, prompt=prompt, conditions=names, seed=seed, extent=extent)
 
     done = f"'eyechart verdict {out}' judges, 'eyechart score {out}' prints every statistic"
-    make(planned, [out], making.asked(model, mode), making.allowed(out, shard=shard), done)
+    make(planned, [out], making.run_modes(model, mode), making.allowed(out, shard=shard), done)
 
 
 @options.expanded
@@ -176,8 +176,8 @@ def prompts(
     done = f"'eyechart score {out}' prints the table, 'eyechart score {out}/CELL' every statistic of a cell"
     # A cell with its own budget says nothing about the others. The form of replies is a factor
     # here, so the probe may not fix it.
-    asked, allowed, fixed = making.asked(model, mode), making.allowed(out), {"structured": "none"}
-    make(planned, study.cells_in(out), asked, allowed, done, fixed=fixed, whole=not budget)
+    run_modes, allowed, fixed = making.run_modes(model, mode), making.allowed(out), {"structured": "none"}
+    make(planned, study.cells_in(out), run_modes, allowed, done, fixed=fixed, whole=not budget)
 
 
 @options.expanded
@@ -200,7 +200,7 @@ def admission(
     from eyechart.studies import structured as study
 
     plan = partial(study.plan, study.ADMISSION, frames, out=out, view=view, seed=seed)
-    make(plan, [out], making.asked(model, mode), making.allowed(out), _SCENES.format(out))
+    make(plan, [out], making.run_modes(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -225,7 +225,7 @@ def structured(
     from eyechart.studies import structured as study
 
     plan = partial(study.plan, study.STRUCTURED, frames, out=out, view=view, seed=seed, limit=limit)
-    make(plan, [out], making.asked(model, mode), making.allowed(out), _SCENES.format(out))
+    make(plan, [out], making.run_modes(model, mode), making.allowed(out), _SCENES.format(out))
 
 
 @options.expanded
@@ -248,7 +248,7 @@ def _study(
 
     study = open_study(str(ctx.info_name))
     plan = partial(study.plan, frames, out=out, seed=seed, limit=limit)
-    make(plan, [out], making.asked(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
+    make(plan, [out], making.run_modes(model, mode), making.allowed(out), f"'eyechart score {out}' prints the results")
 
 
 @options.expanded
@@ -296,17 +296,17 @@ def policy(
     from eyechart.studies import policy as study
 
     given = {} if timeout_s is None else {"timeout_s": timeout_s}
-    asked = making.asked(policy, mode, **given)
-    options.require_lerobot((one.spec for one in asked.modes), lerobot_python)
+    run_modes = making.run_modes(policy, mode, **given)
+    options.require_lerobot((one.spec for one in run_modes.modes), lerobot_python)
 
     def planned(modes: "Sequence[RequestMode]") -> "PolicyRun":
         extent = study.PolicySelection(limit, None if shard is None else read_shard(shard), answers, shapley)
         names = options.names(conditions)
         return study.plan(frames, modes, out, seed=seed, extent=extent, conditions=names, prompt=prompt)
 
-    allowed = making.allowed(out, shard=shard, in_words=any(states(one.spec) for one in asked.modes))
+    allowed = making.allowed(out, shard=shard, in_words=any(states(one.spec) for one in run_modes.modes))
     done = f"'eyechart verdict {out}' judges, 'eyechart report {out} --out page.html' makes the page"
-    make(planned, [out], asked, allowed, done)
+    make(planned, [out], run_modes, allowed, done)
 
 
 _SCENES = "'eyechart score {}' prints the table, the clauses and every figure"
@@ -315,7 +315,7 @@ _SCENES = "'eyechart score {}' prints the table, the clauses and every figure"
 def make(
     plan: "Callable[[Sequence[RequestMode]], P]",
     runs: Sequence[Path],
-    asked: "RunModes",
+    run_modes: "RunModes",
     allowed: "RunAllowance",
     done: str = "",
     *,
@@ -330,7 +330,7 @@ def make(
     """
     from eyechart.studies.probes import Planner
 
-    planned, failed = _probed(Planner(plan, runs, **how), asked, allowed, fixed or {})
+    planned, failed = _probed(Planner(plan, runs, **how), run_modes, allowed, fixed or {})
     say(*planned.lines(allowed))
     if allowed.dry_run:
         return
@@ -350,7 +350,7 @@ def _end(end: "RunEnding") -> None:
 
 
 def _probed(
-    study: "Planner[P]", asked: "RunModes", allowed: "RunAllowance", fixed: Mapping[str, object]
+    study: "Planner[P]", run_modes: "RunModes", allowed: "RunAllowance", fixed: Mapping[str, object]
 ) -> "tuple[P, dict[str, str]]":
     """Plan a study with its models probed, and why some were left out; exit 1 without any."""
     from eyechart.planned_run import unasked
@@ -366,7 +366,7 @@ def _probed(
         kept = "the probe's calls are counted; the same command probes again"
         bounds: ProbeOptions = {"prices": allowed.prices, "max_cost": most, "spend": spend}
         try:
-            result = probe.probed(mode, {**asked.given, **fixed}, sample, kept, **bounds)
+            result = probe.probed(mode, {**run_modes.given, **fixed}, sample, kept, **bounds)
         except ProbeError as error:
             return error
         say(*probe_words(result))
@@ -374,7 +374,7 @@ def _probed(
             say(f"warning: {mode.spec} did not see the probe's pictures: guard 'picture' will mark its verdict")
         return result
 
-    planned, failed = probes.plan_probed(study, asked, allowed, ask, say)
+    planned, failed = probes.plan_probed(study, run_modes, allowed, ask, say)
     if planned is None:
         _end(unasked(failed))
     assert planned is not None

@@ -39,8 +39,8 @@ def score(
         more = not every and type(study).brief is not Study.brief
         return {"shown": as_read(shown, 160 if every else None, names=study.models(run)), "more": more}
 
-    asked = ["score", json, every, independent, reread, against]
-    found = kept(run, asked, read, fresh=fresh)
+    request = ["score", json, every, independent, reread, against]
+    found = kept(run, request, read, fresh=fresh)
     if json:
         print_json(found)
         return
@@ -101,8 +101,8 @@ def costs(
             study.costs_printed(run, read_prices(prices), every=every, fresh=fresh), 160, names=study.models(run)
         )
 
-    asked = ["costs", json, every, unread]
-    found = kept(run, asked, read, fresh=fresh, beside=[] if prices is None else [prices])
+    request = ["costs", json, every, unread]
+    found = kept(run, request, read, fresh=fresh, beside=[] if prices is None else [prices])
     print_json(found) if json else print_read(found)
 
 
@@ -170,8 +170,8 @@ def gate(
         said = held.as_dict()
         return {"said": said, "lines": lines, "junit": held.junit().decode(), "models": study.models(run)}
 
-    asked = ["gate", require, order, max_unparsed, allow_fingerprints, made_elsewhere, evidence, independent, reread]
-    found = kept(run, asked, read, fresh=fresh)
+    request = ["gate", require, order, max_unparsed, allow_fingerprints, made_elsewhere, evidence, independent, reread]
+    found = kept(run, request, read, fresh=fresh)
     if json:
         print_json(found["said"])
     else:
@@ -221,7 +221,7 @@ def compare(
     names = dict.fromkeys(name for run in runs for name in study.models(run))
     if (course := study.course(scores, reading)) is not None:
         print_json(course.as_dict()) if json else print_each(course.printed(), 200, names=names)
-        if not course.replicated:
+        if not course.is_replicated:
             raise typer.Exit(1)
         return
     if second is None:
@@ -231,7 +231,7 @@ def compare(
         scores = [study.score(run, reading) for run in runs]
     found = compared(*scores, resamples=resamples)
     print_json(found.as_dict()) if json else print_each(found.printed(every=every), names=names)
-    if not found.replicated:
+    if not found.is_replicated:
         raise typer.Exit(1)
 
 

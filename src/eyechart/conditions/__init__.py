@@ -49,7 +49,7 @@ class Condition:
     make one. ``drawn`` is the counterfactual that it is made of, if that has another name.
 
     ``over`` says what may follow its name: a ``camera``, nothing (""), or a ``channel``. A channel
-    must follow, and is the first argument of ``make``. ``asked`` names the subjects: a ``model``, a
+    must follow, and is the first argument of ``make``. ``subjects`` names them: a ``model``, a
     ``policy``, or both.
     """
 
@@ -60,7 +60,7 @@ class Condition:
     needs: frozenset[str] = frozenset()
     drawn: str = ""
     over: str = "camera"
-    asked: frozenset[str] = _MODELS
+    subjects: frozenset[str] = _MODELS
 
 
 def _shown(frame: Frame, images: Mapping[str, bytes]) -> Stimulus:
@@ -195,14 +195,14 @@ def _text_only(frame: Frame, *_: object) -> Stimulus:
 def _text_swapped(frame: Frame, source: Source, seed: int) -> Stimulus:
     other = text_source_frame(frame, source, seed)
 
-    def told(own: Frame, theirs: Frame) -> Stimulus:
+    def swap(own: Frame, theirs: Frame) -> Stimulus:
         state = {name: (theirs if name in source.said else own).state[name] for name in own.state}
         return Stimulus(source.images(own), theirs.fields, state)
 
-    return _each(told, frame, other)
+    return _each(swap, frame, other)
 
 
-def _told(name: str) -> Callable[[Frame, Source, int], Stimulus]:
+def _instructed(name: str) -> Callable[[Frame, Source, int], Stimulus]:
     """Return the maker of a counterfactual with another episode's instruction."""
     return lambda frame, source, seed: replace(
         _drawn(name)(frame, source, seed), fields=partner_of(frame, source, "swapped", INSTRUCTION).fields
@@ -255,10 +255,10 @@ def _moment(name: str, image: str, asks: str, also: frozenset[str] = frozenset()
 TABLE: dict[str, Condition] = {
     one.name: one
     for one in (
-        Condition("real", "true frame", "reference", _real, asked=_BOTH),
-        Condition("real_repeat", "true frame, 2nd call", "noise floor", _real, asked=_BOTH),
-        Condition("blank", "uniform mid-grey", "is the image read at all?", _blank, asked=_BOTH),
-        Condition("noise", "uniform random RGB", "is any content used?", _noise, asked=_BOTH),
+        Condition("real", "true frame", "reference", _real, subjects=_BOTH),
+        Condition("real_repeat", "true frame, 2nd call", "noise floor", _real, subjects=_BOTH),
+        Condition("blank", "uniform mid-grey", "is the image read at all?", _blank, subjects=_BOTH),
+        Condition("noise", "uniform random RGB", "is any content used?", _noise, subjects=_BOTH),
         Condition(
             "shuffled", "other frame, same scenario", "is this frame used?", _other("shuffled"), frozenset({"partner"})
         ),
@@ -275,26 +275,26 @@ TABLE: dict[str, Condition] = {
             "prompt alone sufficient?",
             _text_only,
         ),
-        Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS, asked=_BOTH),
+        Condition("mirrored", "flip across lane axis", "lateral grounding", _mirrored, _AXIS, subjects=_BOTH),
         _moment("lead_near", "lead vehicle near", "does distance decide?"),
         _moment("lead_far", "lead vehicle far", "does distance decide?"),
         *(
             Condition(
-                f"{TOLD}{name}" if told else name,
-                f"same moment, {name.replace('_', ' moved ')}{', another instruction' if told else ''}",
-                "is the named one followed?" if told else "is the object followed?",
-                _told(name) if told else _drawn(name),
+                f"{TOLD}{name}" if instructed else name,
+                f"same moment, {name.replace('_', ' moved ')}{', another instruction' if instructed else ''}",
+                "is the named one followed?" if instructed else "is the object followed?",
+                _instructed(name) if instructed else _drawn(name),
                 _DRAWN,
                 name,
                 over="",
-                asked=_POLICIES,
+                subjects=_POLICIES,
             )
-            for told in (False, True)
+            for instructed in (False, True)
             for name in MOVES
         ),
-        _moment(EXCHANGED, "the objects' colours exchanged", "does it know which is which?", asked=_POLICIES),
-        _moment("recoloured", "ego recoloured", "does paint decide?", asked=_BOTH),
-        _moment("decoys", "further objects", "do others distract it?", over="", asked=_POLICIES),
+        _moment(EXCHANGED, "the objects' colours exchanged", "does it know which is which?", subjects=_POLICIES),
+        _moment("recoloured", "ego recoloured", "does paint decide?", subjects=_BOTH),
+        _moment("decoys", "further objects", "do others distract it?", over="", subjects=_POLICIES),
         _moment("lane_own", "lead near, neighbour far", "does it matter which one is near?", _CONTROL),
         _moment("lane_beside", "neighbour near, lead far", "does it matter which one is near?", _CONTROL),
         _moment("lead_mid_near", "lead at 9.1 to 20 m", "does its braking fall with distance?", _CONTROL),
@@ -305,7 +305,12 @@ TABLE: dict[str, Condition] = {
             "real_again", "true frame, with lead_absent", "has its answer changed by then?", _again, _CONTROL, ABSENT
         ),
         Condition(
-            "nudged", "true frame, one value off by one", "picture or file?", _nudged("nudged"), _CONTROL, asked=_BOTH
+            "nudged",
+            "true frame, one value off by one",
+            "picture or file?",
+            _nudged("nudged"),
+            _CONTROL,
+            subjects=_BOTH,
         ),
         *(
             Condition(
@@ -334,7 +339,7 @@ TABLE: dict[str, Condition] = {
             over="",
         ),
         *(
-            Condition(base, image, asks, _exchanged(base), over="channel", asked=_POLICIES)
+            Condition(base, image, asks, _exchanged(base), over="channel", subjects=_POLICIES)
             for base, image, asks in (
                 ("swapped", "another episode's", "does the channel decide?"),
                 ("matched", "that of another episode at a similar state", "does it tell more than the state?"),
@@ -353,7 +358,7 @@ TABLE: dict[str, Condition] = {
             "is the current picture used?",
             _frozen,
             frozenset({"drive"}),
-            asked=_BOTH,
+            subjects=_BOTH,
         ),
     )
 }
@@ -393,7 +398,9 @@ STEPPED: dict[str, Condition] = {
 }
 """The true picture at each step of each corruption. They are asked where they are named."""
 
-CONDITIONS: dict[str, Condition] = {name: condition for name, condition in TABLE.items() if condition.asked >= _MODELS}
+CONDITIONS: dict[str, Condition] = {
+    name: condition for name, condition in TABLE.items() if condition.subjects >= _MODELS
+}
 """The conditions of models."""
 
 PARTNERS: tuple[str, ...] = tuple(name for name, condition in TABLE.items() if condition.over == "channel")
@@ -488,7 +495,7 @@ def show(condition: str, frame: Frame, source: Source, run_seed: int) -> Stimulu
 
     Its seed is made from (condition, frame, run seed), so every model sees the same one.
     """
-    who = min(_row(condition).asked)
+    who = min(_row(condition).subjects)
     return find_condition(condition, who).make(frame, source, seed_of(condition, frame, run_seed))
 
 
@@ -538,8 +545,8 @@ def text_source_frame(frame: Frame, source: Source, seed: int) -> Frame:
     """
     frames, same = source.alike(frame)
     if len(frames) == len(same):
-        told = [*frame.stated(source.said)]
-        raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {told}")
+        columns = [*frame.stated(source.said)]
+        raise BankError(f"frame '{frame.id}' cannot get another frame's text: all frames have the same {columns}")
     place = int(np.random.default_rng(seed).integers(len(frames) - len(same)))
     before = bisect_right(range(len(same)), place, key=lambda skipped: same[skipped] - skipped)
     return frames[place + before]
@@ -552,7 +559,7 @@ def find_condition(name: str, who: str = "model") -> Condition:
     """
     base, over, what = name.partition(OVER)
     row = TABLE.get(base) or STEPPED.get(base)
-    if row is None or who not in row.asked or not _may_be_over(row, over, what):
+    if row is None or who not in row.subjects or not _may_be_over(row, over, what):
         of, near = (" of a policy", name) if who == "policy" else ("", base)
         known = [f"{one.name}{OVER}CHANNEL" * (one.over == "channel") or one.name for one in asked_of(who)]
         if who == "model":
@@ -566,7 +573,7 @@ def find_condition(name: str, who: str = "model") -> Condition:
 
 def asked_of(who: str) -> list[Condition]:
     """Return the conditions of a ``model`` or a ``policy``."""
-    return [condition for condition in TABLE.values() if who in condition.asked]
+    return [condition for condition in TABLE.values() if who in condition.subjects]
 
 
 def _may_be_over(row: Condition, over: str, what: str) -> bool:
@@ -676,7 +683,7 @@ def is_available(name: str, frame: Frame, source: Source | None = None) -> bool:
     return not ("axis" in row.needs and frame.mirror_axis == "none")
 
 
-def of_one_instant(name: str, bank: FrameBank) -> bool:
+def is_of_one_instant(name: str, bank: FrameBank) -> bool:
     """Return whether a bank with earlier instants has a condition's pictures, of one instant alone."""
     row = _row(name)
     names = {row.name, row.drawn} if "counterfactual" in row.needs or row.drawn else set[str]()

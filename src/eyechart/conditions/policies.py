@@ -25,7 +25,7 @@ from eyechart.conditions import (
     TABLE,
     asked_of,
     is_available,
-    of_one_instant,
+    is_of_one_instant,
 )
 from eyechart.corruptions import CORRUPTIONS, STEPS
 from eyechart.frames import FrameBank
@@ -128,7 +128,7 @@ def _lacking(name: str, bank: FrameBank) -> str:
         return "the bank does not say what a reflected motion is"
     if name == "mirrored" and (pair := _unlike_pair(bank)):
         return f"the pictures of {pair}, which exchange places, differ in size"
-    if of_one_instant(base, bank):
+    if is_of_one_instant(base, bank):
         return ONE_INSTANT
     lacking = sum(not is_available(name, frame, bank) for frame in bank)
     what = "mirror axis" if name == "mirrored" else "such picture"

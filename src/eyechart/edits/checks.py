@@ -92,8 +92,8 @@ def of_scene(scene: EditScene, ignored: Sequence[Box], fit: Fit | None, limits: 
 
 def foot_off(scene: EditScene, fit: Fit) -> float:
     """Return the depth of the lead's foot below the horizon over the one of the bank's line."""
-    asked = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
-    return (scene.lead.foot - scene.lines.horizon) / asked if asked > 0 else 0.0
+    depth = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
+    return (scene.lead.foot - scene.lines.horizon) / depth if depth > 0 else 0.0
 
 
 def _sum_of(masks: Iterable[Mask]) -> Mask | None:
@@ -132,14 +132,14 @@ def _of_copy(scene: EditScene, place: CopyPlace, box: Box, photo: Photo, fit: Fi
     if photo.clear_to_m is not None and place.distance_m > photo.clear_to_m:
         return f"{metres} it is beyond clear_to_m, {photo.clear_to_m:g}"
     inside = max(min(box.x1, columns) - max(box.x0, 0.0), 0.0)
-    if inside < (1 - limits.out_of_picture) * (box.x1 - box.x0) or not _foot_is_seen(scene, box, limits):
+    if inside < (1 - limits.out_of_picture) * (box.x1 - box.x0) or not _shows_foot(scene, box, limits):
         return f"{metres} it leaves the picture, or the own vehicle hides its foot"
     if fit is not None and (wrong := _place_off(scene, scale, fit)) > limits.place_off:
         return f"{metres} its foot may be {wrong:.0%} off, as its foot in the photograph is off the bank's line"
     return _in_the_way(scene, place, box, limits)
 
 
-def _foot_is_seen(scene: EditScene, box: Box, limits: EditLimits) -> bool:
+def _shows_foot(scene: EditScene, box: Box, limits: EditLimits) -> bool:
     """Return whether the row on which a copy stands is in the picture, above the own vehicle."""
     rows, columns = scene.lead.mask.shape
     if box.y1 > rows:
@@ -151,9 +151,9 @@ def _foot_is_seen(scene: EditScene, box: Box, limits: EditLimits) -> bool:
 
 def _place_off(scene: EditScene, scale: float, fit: Fit) -> float:
     """Return how far off a copy's foot is if the horizon is what is wrong with the lead's foot."""
-    asked = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
-    wrong_px = abs(scene.lead.foot - scene.lines.horizon - asked)
-    return max(wrong_px - 1.0, 0.0) * abs(1 - scale) / (scale * asked) if asked > 0 else 0.0
+    depth = fit.foot(scene.lines.horizon, scene.distance_m) - scene.lines.horizon
+    wrong_px = abs(scene.lead.foot - scene.lines.horizon - depth)
+    return max(wrong_px - 1.0, 0.0) * abs(1 - scale) / (scale * depth) if depth > 0 else 0.0
 
 
 def _in_the_way(scene: EditScene, place: CopyPlace, box: Box, limits: EditLimits) -> str:

@@ -192,7 +192,7 @@ class _Coordinator:
         if ledger is not None and budget is not None:
             self.caller = Caller(ledger, budget, attempts=bounds.attempts, silent=self.drivers.silent)
         own = [key for key in todo if key.policy not in models]
-        asked = {spec: [key for key in todo if key.policy == spec] for spec in models}
+        by_model = {spec: [key for key in todo if key.policy == spec] for spec in models}
         with _terminated_as_interrupted():
             try:
                 for _ in range(min(bounds.processes, len(todo))):
@@ -202,7 +202,7 @@ class _Coordinator:
                     for slot in self.slots:
                         group.create_task(self._policies(queue, slot))
                     for turn in self.drivers.turns or [(spec,) for spec in models]:
-                        group.create_task(self._take_turn(turn, asked, bounds.concurrency))
+                        group.create_task(self._take_turn(turn, by_model, bounds.concurrency))
             finally:
                 for slot in self.slots:
                     slot.worker.close()
@@ -213,14 +213,14 @@ class _Coordinator:
         )
 
     async def _take_turn(
-        self, turn: Sequence[str], asked: Mapping[str, Sequence[EpisodeKey]], concurrency: int
+        self, turn: Sequence[str], by_model: Mapping[str, Sequence[EpisodeKey]], concurrency: int
     ) -> None:
         """Let models drive one after another, and close each before the next call."""
         for spec in turn:
             self.paces[spec] = Pace(concurrency)
-            waiting = iter(asked[spec])
+            waiting = iter(by_model[spec])
             async with asyncio.TaskGroup() as group:
-                for _ in range(min(concurrency, len(asked[spec]))):
+                for _ in range(min(concurrency, len(by_model[spec]))):
                     group.create_task(self._model(waiting))
             if spec != turn[-1]:
                 await close(self.drivers.models[spec])

@@ -540,7 +540,7 @@ async def _lengths(setup: Setup, keys: Sequence[EpisodeKey], policies: Sequence[
                     over = await worker.ask("drive", key, policy)
                     assert isinstance(over, Episode)
                     found.append(over)
-                    if not over.crashed and policy is policies[0]:
+                    if not over.has_crashed and policy is policies[0]:
                         break
     except TimeoutError:
         raise DriveError(f"{world}: the sample's drives took longer than {ALTOGETHER_S:g} s") from None

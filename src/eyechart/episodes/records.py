@@ -120,7 +120,7 @@ class Episode:
         return sum(speeds) / len(speeds) if speeds and len(speeds) == len(self.steps) else None
 
     @property
-    def crashed(self) -> bool:
+    def has_crashed(self) -> bool:
         """Return whether any step ended in a crash."""
         return any(step.crashed for step in self.steps)
 
@@ -287,12 +287,12 @@ def unfinished(out: Path, keys: Iterable[EpisodeKey], models: Iterable[str]) -> 
     left: dict[str, set[tuple[str, str]]] = {}
     for key in keys:
         left.setdefault(key.policy, set()).add((key.world, key.condition))
-    asked = {spec for spec in models if spec in left}
+    pending = {spec for spec in models if spec in left}
     last: dict[str, dict[CallKey, SentAttempt]] = {}
-    if asked:
+    if pending:
         with Ledger(out / LEDGER, absent=True) as ledger:
-            last = {spec: dict(_of(ledger.attempts(spec), left[spec])) for spec in asked}
-    return [_told(policy, len(worlds), last.get(policy)) for policy, worlds in left.items()]
+            last = {spec: dict(_of(ledger.attempts(spec), left[spec])) for spec in pending}
+    return [_unfinished_episodes(policy, len(worlds), last.get(policy)) for policy, worlds in left.items()]
 
 
 def every_episode(manifest: EpisodesManifest) -> tuple[EpisodeKey, ...]:
@@ -317,7 +317,7 @@ def _of(attempts: Iterable[SentAttempt], left: set[tuple[str, str]]) -> Iterator
             yield sent.key, sent
 
 
-def _told(policy: str, episodes: int, last: Mapping[CallKey, SentAttempt] | None) -> UnfinishedEpisodes:
+def _unfinished_episodes(policy: str, episodes: int, last: Mapping[CallKey, SentAttempt] | None) -> UnfinishedEpisodes:
     if last is None:
         return UnfinishedEpisodes(policy, episodes, None, {})
     begun = {(key.frame.rpartition("/")[0], key.condition) for key in last}
@@ -370,11 +370,11 @@ def _row(policy: str, condition: str, group: list[Episode]) -> EpisodeMeans:
         distance_m=_mean(episode.distance_m for episode in good),
         reward=fmean(episode.reward for episode in good) if good else None,
         speed_mps=_mean(episode.speed_mps for episode in good),
-        crash_rate=fmean(episode.crashed for episode in good) if good else None,
+        crash_rate=fmean(episode.has_crashed for episode in good) if good else None,
         without_decision=fmean(step.decision.action is None for step in steps) if steps else None,
     )
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
-    told = [value for value in values if value is not None]
-    return fmean(told) if told else None
+    known = [value for value in values if value is not None]
+    return fmean(known) if known else None

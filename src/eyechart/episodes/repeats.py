@@ -205,8 +205,8 @@ def _compare(recorded: Episode, driven: Episode, found: ReplayDifferences, *, ex
             found.mismatches += [Mismatch(key, before.step, *one) for one in differs]
             return
     if len(driven.steps) < len(recorded.steps) and "error" in {recorded.ended, driven.ended}:  # it ended earlier
-        told = driven.detail or f"ended in {driven.ended}"
-        found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", told))
+        ending = driven.detail or f"ended in {driven.ended}"
+        found.mismatches.append(Mismatch(key, len(driven.steps), "the step", "recorded", ending))
         return
     if recorded.ended == "error":
         if (driven.ended, len(driven.steps), driven.detail) != ("error", len(recorded.steps), recorded.detail):
@@ -240,7 +240,7 @@ def _step(before: Step, now: Step, *, exact: bool) -> Iterator[tuple[str, str, s
             digests = before.rounded_state_sha256, now.rounded_state_sha256
             pairs.append(("rounded state (SHA-256)", *digests))
     pairs.append(("crashed", before.crashed, now.crashed))
-    yield from ((name, str(one), str(other)) for name, one, other in pairs if not _same(one, other, exact=exact))
+    yield from ((name, str(one), str(other)) for name, one, other in pairs if not _is_same(one, other, exact=exact))
 
 
 def _mapping(
@@ -248,11 +248,11 @@ def _mapping(
 ) -> Iterator[tuple[str, str, str]]:
     for name in dict.fromkeys([*before, *now]):
         one, other = before.get(name), now.get(name)
-        if name not in before or name not in now or not _same(one, other, exact=exact):
+        if name not in before or name not in now or not _is_same(one, other, exact=exact):
             yield f"{what} {name}", str(before.get(name, "nothing")), str(now.get(name, "nothing"))
 
 
-def _same(one: object, other: object, *, exact: bool) -> bool:
+def _is_same(one: object, other: object, *, exact: bool) -> bool:
     """Return whether two values are equal: numbers up to rounding, or else to 3 decimals."""
     numbers = [value for value in (one, other) if isinstance(value, int | float) and not isinstance(value, bool)]
     if len(numbers) < 2:

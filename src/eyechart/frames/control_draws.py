@@ -85,11 +85,11 @@ def drawn_otherwise(bank: FrameBank) -> list[str]:
 
 def _problems(frame: Frame, draws: Draws) -> Iterator[str]:
     lead_m, exchange_m = _number(frame.truth.get(LEAD)), _number(frame.truth.get(EXCHANGE))
-    for column, told, tried in ((LEAD, lead_m, draws.lead()), (EXCHANGE, exchange_m, draws.exchange(lead_m))):
-        if told is not None and told not in tried:
-            yield f"frame '{frame.id}': '{column}' is {told:g}, which the bank's seed does not draw"
-    for name, told in (("lead_drawn", lead_m), ("exchange_own", exchange_m), ("exchange_beside", exchange_m)):
-        if (name in frame.counterfactuals) != (told is not None):
+    for column, recorded, tried in ((LEAD, lead_m, draws.lead()), (EXCHANGE, exchange_m, draws.exchange(lead_m))):
+        if recorded is not None and recorded not in tried:
+            yield f"frame '{frame.id}': '{column}' is {recorded:g}, which the bank's seed does not draw"
+    for name, recorded in (("lead_drawn", lead_m), ("exchange_own", exchange_m), ("exchange_beside", exchange_m)):
+        if (name in frame.counterfactuals) != (recorded is not None):
             column = LEAD if name == "lead_drawn" else EXCHANGE
             yield f"frame '{frame.id}' has only one of the picture {name} and its distance '{column}'"
 

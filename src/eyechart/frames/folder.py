@@ -555,8 +555,8 @@ class BankWriter:
         """Raise BankError unless a frame has the declared cameras and state, and all pictures."""
         declared = self._manifest.cameras or alone(frame.cameras[0].mirror_axis)
         names = [camera.name for camera in declared]
-        told = frame.truth.keys() | frame.fields
-        if frame.cameras != declared or frame.state.keys() != set(self._manifest.state) or frame.state.keys() & told:
+        columns = frame.truth.keys() | frame.fields
+        if frame.cameras != declared or frame.state.keys() != set(self._manifest.state) or frame.state.keys() & columns:
             raise BankError(
                 f"frame '{frame.id}' has the cameras {[camera.name for camera in frame.cameras]} and the state "
                 f"{sorted(frame.state)}, but the manifest declares {names} and {sorted(self._manifest.state)}"

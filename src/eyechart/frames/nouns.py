@@ -71,7 +71,7 @@ class Gap:
             raise BankError(f"frame '{frame.id}': the gap '{self.column}' is {value!r}, not a number")
         return math.inf if value is None else float(value)
 
-    def near(self, frame: "Frame") -> bool:
+    def is_near(self, frame: "Frame") -> bool:
         """Return whether a frame's gap is below the threshold."""
         return self.of(frame) < self.threshold
 

@@ -17,7 +17,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from eyechart.calls import Reply, misfit
+from eyechart.calls import Reply, invalid_field
 from eyechart.errors import BankError, GuardianError, encodable
 from eyechart.frames import encode, require_plain
 from eyechart.guardian.interface import Answer, Assessment, Interface, Pictures, Vote, interface_of
@@ -218,8 +218,8 @@ class Guardian:
                 else:
                     future.set_result(done.result())
 
-        def given_up(asked: Future[T]) -> None:
-            if asked.cancelled():
+        def given_up(future: Future[T]) -> None:
+            if future.cancelled():
                 with suppress(RuntimeError):  # the loop was closed meanwhile
                     loop.call_soon_threadsafe(task.cancel)
 
@@ -253,27 +253,27 @@ class Guardian:
         return await self._ask(pictures, start, limit)
 
     async def _ask(self, pictures: Pictures, start: float, limit: float) -> Assessment:
-        asked = {
+        calls = {
             (spec, view): self._vote(spec, model, picture, view, self._interface.read)
             for spec, model in self.models.items()
             for view, picture in zip(VIEWS, pictures, strict=True)
         }
         late = f"late: no reply within {limit:g} s"
-        return self._answer(await self._votes(asked, _left(start, limit), late), start)
+        return self._answer(await self._votes(calls, _left(start, limit), late), start)
 
     async def _warm(self, limit_s: float) -> dict[str, str]:
         blank = encode(np.full((_BLANK_PX, _BLANK_PX, 3), 128, dtype=np.uint8))
-        asked = {
+        calls = {
             spec: self._vote(spec, model, blank, VIEWS[0], lambda _: (None, "")) for spec, model in self.models.items()
         }
-        found = await self._votes(asked, limit_s, f"no reply within {limit_s:g} s")
+        found = await self._votes(calls, limit_s, f"no reply within {limit_s:g} s")
         return {spec: encodable(why) for spec, (_, why) in found.items() if why}
 
     async def _votes(
-        self, asked: Mapping[T, Coroutine[Any, Any, tuple[Vote, str]]], limit_s: float, late: str
+        self, calls: Mapping[T, Coroutine[Any, Any, tuple[Vote, str]]], limit_s: float, late: str
     ) -> dict[T, tuple[Vote, str]]:
         """Return the votes that come within a number of seconds, and why the others are missing."""
-        tasks = {key: asyncio.create_task(one) for key, one in asked.items()}
+        tasks = {key: asyncio.create_task(one) for key, one in calls.items()}
         self._tasks.update(tasks.values())
         for task in tasks.values():
             task.add_done_callback(self._tasks.discard)
@@ -293,7 +293,7 @@ class Guardian:
         try:
             seed = key_seed("guardian", self.frozen.digest, spec, view)
             reply = await model.answer(self._interface.query(picture, seed))
-            if (wrong := misfit(reply)) is not None:
+            if (wrong := invalid_field(reply)) is not None:
                 return None, f"no reply: {wrong}"
             if reply.error is not None:
                 return None, f"{reply.error}: {reply.error_detail}"[:_WORDS]

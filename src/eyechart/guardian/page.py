@@ -88,7 +88,7 @@ def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawi
     points = [(one.answered / one.frames, one.wrong / one.answered) for one in found.curve]
     axes.plot([x for x, _ in points], [y for _, y in points], color=BLUE, linewidth=1.6, marker="o", markersize=3)
     labels: dict[tuple[float, float], list[str]] = {}
-    told, top = [], max([0.02, *(y for _, y in points)])
+    descriptions, top = [], max([0.02, *(y for _, y in points)])
     for key, name in row_names(found.frozen).items():
         x, accuracy = found.rows[key]["coverage"].value, found.rows[key]["acc"].value
         if x is None or accuracy is None:
@@ -99,7 +99,7 @@ def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawi
         axes.plot([x], [1 - accuracy], "s" if key == "single" else "o", color=colour, markersize=size_pt)
         word = "single model" if key == "single" else key.replace("_", "-")
         labels.setdefault((round(x, 2), round(1 - accuracy, 3)), []).append(word)
-        told.append(f"{name}: coverage {x:.3f}, risk {1 - accuracy:.3f}")
+        descriptions.append(f"{name}: coverage {x:.3f}, risk {1 - accuracy:.3f}")
     for place, words in labels.items():
         said = ", ".join(words)
         axes.annotate(said, place, xytext=(-8, 6), textcoords="offset points", ha="right", color=MUTED)
@@ -107,7 +107,7 @@ def curve(found: GuardianScore, size: tuple[float, float] = (6.4, 3.4)) -> Drawi
     axes.set_ylim(-0.04 * top, 1.25 * top)
     axes.set_xlabel("coverage: share of frames answered")
     axes.set_ylabel("risk: share of answers wrong")
-    return Drawing("guardian-curve", "Risk by coverage", ". ".join(told), figure)
+    return Drawing("guardian-curve", "Risk by coverage", ". ".join(descriptions), figure)
 
 
 def _votes(score: GuardianScore) -> list[tuple[str, list[dict[str, object]]]]:

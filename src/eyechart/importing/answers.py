@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import cast, get_args
 
-from eyechart.calls import MOST, ErrorKind, Reply, misfit
+from eyechart.calls import MOST, ErrorKind, Reply, invalid_field
 from eyechart.errors import SourceError, printable
 from eyechart.importing.cells import MOST_CELL, Cell, Progress, Row, plain_name, read_number
 from eyechart.importing.faults import Faults
@@ -128,21 +128,21 @@ def _reply(row: Row, where: str) -> Reply | None:
     text, error = _verbatim(row.get("text"), where, "text"), _verbatim(row.get("error"), where, "error")
     if text.strip() and error.strip():
         raise SourceError(f"{where} has a text and an error; leave one empty")
-    told: dict[str, object] = {name: _number(row.get(name), f"{where}: '{name}'", name) for name in _NUMBERS}
-    told |= {name: _word(row.get(name), f"{where}: '{name}'") or None for name in _LABELS}
-    told["reasoning"] = _verbatim(row.get("reasoning"), where, "reasoning")
+    fields: dict[str, object] = {name: _number(row.get(name), f"{where}: '{name}'", name) for name in _NUMBERS}
+    fields |= {name: _word(row.get(name), f"{where}: '{name}'") or None for name in _LABELS}
+    fields["reasoning"] = _verbatim(row.get("reasoning"), where, "reasoning")
     if error.strip():
         kind = cast("ErrorKind", error if error in get_args(ErrorKind) else "exception")
-        return made_reply("", {**told, "error": kind, "error_detail": printable(error)}, where)
-    if not text and not any(told.values()):
+        return made_reply("", {**fields, "error": kind, "error_detail": printable(error)}, where)
+    if not text and not any(fields.values()):
         return None
-    return made_reply(text, told, where)
+    return made_reply(text, fields, where)
 
 
-def made_reply(text: str, told: Mapping[str, object], where: str) -> Reply:
+def made_reply(text: str, fields: Mapping[str, object], where: str) -> Reply:
     """Return a reply of these values; raises SourceError for a value of a wrong type."""
-    reply = Reply(text, **told)  # type: ignore[arg-type]
-    if wrong := misfit(reply):
+    reply = Reply(text, **fields)  # type: ignore[arg-type]
+    if wrong := invalid_field(reply):
         raise SourceError(f"{where}: {wrong}")
     return reply
 

@@ -256,11 +256,13 @@ def import_rows(
         )
 
     frames = frames_of(kept, choices, cells)
-    source = ImportSource(photographs.folder, pictures, _told(choices.rig, kept), converted=photographs.done, said=said)
+    source = ImportSource(
+        photographs.folder, pictures, _kind_record(choices.rig, kept), converted=photographs.done, said=said
+    )
     return write(out, source, frames, kept=kept, choices=choices, progress=progress)
 
 
-def _told(rig: reading.SensorLayout | None, kept: BankRows) -> dict[str, object]:
+def _kind_record(rig: reading.SensorLayout | None, kept: BankRows) -> dict[str, object]:
     """Return the record of a rig's kind of motion, with a warning if the data contradict it."""
     if rig is None or rig.motion is None or kept.log is None:
         return {}
@@ -275,10 +277,10 @@ def _told(rig: reading.SensorLayout | None, kept: BankRows) -> dict[str, object]
         }
         if faults := LoggedRows.of(walks, places, every).faults(turns):
             raise SourceError("; ".join(f"--rig: a rotation of the {fault}" for fault in faults))
-    told = tell_turned(walks, named, turns, len(columns))
-    against = told.against(rig.motion.kind)
-    said = [told.warning(rig.motion.kind, "[motion] of --rig")] if against else []
-    return {KIND: {"by": "the rig says", "ratio": told.ratio, "said": said}}
+    evidence = tell_turned(walks, named, turns, len(columns))
+    against = evidence.contradicts(rig.motion.kind)
+    said = [evidence.warning(rig.motion.kind, "[motion] of --rig")] if against else []
+    return {KIND: {"by": "the rig says", "ratio": evidence.ratio, "said": said}}
 
 
 def _opened(table: Path, reads: Progress | None, choices: Choices) -> SourceTable:
@@ -372,14 +374,14 @@ def keep(table: SourceTable, choices: Choices) -> BankRows:
     """
     faults = table.faults
     faults.take(choices.wrong)
-    asked = {**choices.columns}
+    columns = {**choices.columns}
     if choices.mirror != "none" and choices.rig is None:
-        if asked.get("mirror"):
-            faults.add(f"--mirror and --map mirror={asked['mirror']} both say the mirror axis: leave out one")
-        asked.setdefault("mirror", "")
+        if columns.get("mirror"):
+            faults.add(f"--mirror and --map mirror={columns['mirror']} both say the mirror axis: leave out one")
+        columns.setdefault("mirror", "")
     kept = (*choices.prompt_columns, *(() if choices.rig is None else choices.rig.places().values()))
     own = (*(["gap"] if choices.threshold is None else []), *(["episode"] if choices.independent else []))
-    places = reading.places(asked, table, faults, rig=choices.rig, kept=kept, own=own)
+    places = reading.places(columns, table, faults, rig=choices.rig, kept=kept, own=own)
     _check_choices(choices, places, table, faults)
     past = RowsBefore(choices.history, places, table.name, faults) if choices.history else None
     log = _log(choices, places, table, faults)
@@ -881,14 +883,14 @@ def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, k
     found = repeats(added, writer.read, writer.digest)
     column = "" if gap is None else gap.column
     for one, other in chain.from_iterable(again.pairs for again in found if not keep):
-        told, before = one.truth.get(column), other.truth.get(column)
-        if None in (told, before) or told == before:
+        gap_now, before = one.truth.get(column), other.truth.get(column)
+        if None in (gap_now, before) or gap_now == before:
             continue
         same = [[*map(writer.digest, frame.pictures.values())] for frame in (one, other)]
         if same[0] == same[1]:  # moments of a standstill share a state, and may still differ
             raise SourceError(
                 f"'{one.id}' and '{other.id}' show the same, in a recording that occurs twice, but the gap '{column}' "
-                f"is {_said_gap(told)} in the one row and {_said_gap(before)} in the other. Correct it, leave one "
+                f"is {_said_gap(gap_now)} in the one row and {_said_gap(before)} in the other. Correct it, leave one "
                 "recording out of the table, or import both with --keep-repeats"
             )
     if found:

@@ -184,7 +184,7 @@ def _require_changed_alike(cameras: Sequence[CameraColumn]) -> None:
 
 
 def places(
-    asked: Mapping[str, str],
+    mapped: Mapping[str, str],
     table: SourceTable,
     faults: Faults,
     *,
@@ -199,13 +199,13 @@ def places(
     """
     roles = {place: names for place, names in ROLES.items() if rig is None or place not in {*PICTURED, "mirror"}}
     of_rig = {} if rig is None else rig.places()
-    result = _given(of_rig, asked, roles, table, faults)
-    for place in (role for role in roles if role not in of_rig and role not in asked):
+    result = _given(of_rig, mapped, roles, table, faults)
+    for place in (role for role in roles if role not in of_rig and role not in mapped):
         usual = () if place in own else (*roles[place], *USUAL.get(place, ()))
         result[place] = _called(roles[place], usual, table.columns, {*result.values(), *kept})
         if result[place] not in roles[place]:
             _require_one(place, result[place], table, faults)
-    if not (result.get("file") or of_rig or asked.get("file")):
+    if not (result.get("file") or of_rig or mapped.get("file")):
         lacking = f"{table.name} has no column 'file'; name the pictures' column with --map file=COLUMN"
         faults.add(f"{lacking}; {_has(table.columns)}")
     result = {place: result[place] for place in (*roles, *of_rig) if result.get(place)}
@@ -222,11 +222,11 @@ def _require_one(place: str, column: str, table: SourceTable, faults: Faults) ->
 
 
 def _given(
-    of_rig: Mapping[str, str], asked: Mapping[str, str], roles: Collection[str], table: SourceTable, faults: Faults
+    of_rig: Mapping[str, str], mapped: Mapping[str, str], roles: Collection[str], table: SourceTable, faults: Faults
 ) -> dict[str, str]:
     """Return the columns that a rig and ``--map`` name; an unknown place or column is a fault."""
     result: dict[str, str] = {}
-    for place, column in asked.items():
+    for place, column in mapped.items():
         if place not in roles:
             known = f"{', '.join(roles)}{suggestion(place, roles)}"
             faults.add(f"--map {place}={column}: there is no place '{place}'; places are {known}")

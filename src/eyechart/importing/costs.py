@@ -56,8 +56,8 @@ def taken(bank: FrameBank) -> list[str]:
 
 def _said(settings: Mapping[str, object]) -> Iterator[str]:
     """Yield an import's notes on the kind of its motions and on the parts left out."""
-    told = settings.get(KIND)
-    for many in (told.get("said") if isinstance(told, dict) else None, settings.get(SAID)):
+    kind = settings.get(KIND)
+    for many in (kind.get("said") if isinstance(kind, dict) else None, settings.get(SAID)):
         yield from map(str, many if isinstance(many, list) else ())
 
 

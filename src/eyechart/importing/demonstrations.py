@@ -139,7 +139,7 @@ class DemonstrationTable:
         with opened(self.path) as file:
             for number, one in self.many:
                 arrays = {name: array_of(file, one, self.data.places[name]) for name in vectors}
-                told = {} if one.task is None else {self.data.task: one.task}
+                task = {} if one.task is None else {self.data.task: one.task}
                 for start in range(0, one.length, BATCH_ROWS):
                     stop = min(start + BATCH_ROWS, one.length)
                     cells: dict[str, list[float]] = {}
@@ -148,7 +148,7 @@ class DemonstrationTable:
                         cells |= dict(zip(columns, block.T.tolist(), strict=True))
                     for place in range(stop - start):
                         where = dict(zip(PLACES.values(), (number, start + place), strict=True))
-                        yield {**where, **told, **{name: many[place] for name, many in cells.items()}}
+                        yield {**where, **task, **{name: many[place] for name, many in cells.items()}}
 
     def _vectors(self) -> dict[str, tuple[str, ...]]:
         return columns_of(self.data.features)
@@ -403,8 +403,8 @@ def _attributes(file: Hdf5Group, name: str) -> Mapping[str, Any]:
     data = file.child("data") if "data" in file.members() else None
     text = "" if data is None else data.text(name)
     with raising(SourceError, f"{file.path}: the attribute '{name}' is no JSON", of=(ValueError, RecursionError)):
-        told = parse_json(text or "{}")
-    return told if isinstance(told, dict) else {}
+        values = parse_json(text or "{}")
+    return values if isinstance(values, dict) else {}
 
 
 def _instruction(file: Hdf5Group) -> str:
@@ -422,8 +422,8 @@ def _instruction(file: Hdf5Group) -> str:
 
 def _rate_in(file: Hdf5Group) -> float | None:
     """Return the rate of a file's attributes, None without one."""
-    told = _attributes(file, "env_args").get("env_kwargs")
-    rate = told.get("control_freq") if isinstance(told, dict) else None
+    options = _attributes(file, "env_args").get("env_kwargs")
+    rate = options.get("control_freq") if isinstance(options, dict) else None
     if not isinstance(rate, int | float) or isinstance(rate, bool):
         return None
     with raising(SourceError, f"{file.path}: the control_freq of env_args", of=OverflowError):

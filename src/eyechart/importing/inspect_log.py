@@ -170,15 +170,15 @@ def _list(value: object, path: Path) -> list[object]:
 
 def _answered(where: str, sample: Mapping[str, Any]) -> ImportedAnswer:
     """Return a sample as an answer; raises SourceError, beginning with ``where``, for a fault."""
-    told = sample.get("metadata")
-    asked = told if isinstance(told, dict) else {}
-    call = asked.get("call", sample.get("id"))
+    metadata = sample.get("metadata")
+    fields = metadata if isinstance(metadata, dict) else {}
+    call = fields.get("call", sample.get("id"))
     epoch = sample.get("epoch", 1)
     if not isinstance(call, str) or not call or not call.isprintable():
         raise SourceError(f"{where} has no call in its metadata: is it a sample of the task eyechart/battery?")
     if not isinstance(epoch, int) or isinstance(epoch, bool) or not 1 <= epoch <= MOST_REPEATS:
         raise SourceError(f"{where}: its epoch is {str(epoch)[:40]!r}, not a whole number from 1 to {MOST_REPEATS}")
-    frame, condition = (one if isinstance(one := asked.get(name), str) else None for name in ("frame", "condition"))
+    frame, condition = (one if isinstance(one := fields.get(name), str) else None for name in ("frame", "condition"))
     return ImportedAnswer(where, call, frame, condition, epoch - 1, None, _reply(sample, where))
 
 
@@ -187,25 +187,25 @@ def _reply(sample: Mapping[str, Any], where: str) -> Reply | None:
     words = _words(_part(sample, "error").get("message")) or _words(output.get("error"))
     choices = output.get("choices")
     first = choices[0] if isinstance(choices, list) and choices and isinstance(choices[0], dict) else None
-    told = _told(output)
+    fields = _reply_fields(output)
     if words:
-        return made_reply("", {**told, "error": "exception", "error_detail": printable(words)}, where)
+        return made_reply("", {**fields, "error": "exception", "error_detail": printable(words)}, where)
     if first is None:
         return None
     text, reasoning = _said(_part(first, "message").get("content"))
     if max(len(text), len(reasoning)) > MOST_CELL:
         raise SourceError(f"{where}: its text has more than {MOST_CELL} characters")
     ended = _words(first.get("stop_reason"))
-    told |= {"finish_reason": _FINISH.get(ended, ended) or None, "reasoning": reasoning}
-    return made_reply(text, told, where)
+    fields |= {"finish_reason": _FINISH.get(ended, ended) or None, "reasoning": reasoning}
+    return made_reply(text, fields, where)
 
 
-def _told(output: Mapping[str, Any]) -> dict[str, object]:
+def _reply_fields(output: Mapping[str, Any]) -> dict[str, object]:
     """Return a sample's numbers of its call; impossible numbers count as not reported."""
     usage = _part(output, "usage")
     sent = [usage.get(name) for name in ("input_tokens", "input_tokens_cache_read", "input_tokens_cache_write")]
     counted = [one for one in map(_whole_number, sent) if one is not None]
-    told: dict[str, object] = {
+    fields: dict[str, object] = {
         "prompt_tokens": sum(counted) or None,  # Inspect writes 0 for an unreported usage
         "completion_tokens": _whole_number(usage.get("output_tokens")) or None,
         "reasoning_tokens": _whole_number(usage.get("reasoning_tokens")),
@@ -213,8 +213,8 @@ def _told(output: Mapping[str, Any]) -> dict[str, object]:
         "seconds": _number(output.get("time")),
         "served": _words(output.get("model"))[:200] or None,
     }
-    kept = bounded(Reply(**{name: told[name] for name in told if name in MOST}))  # type: ignore[arg-type]
-    return told | {name: getattr(kept, name) for name in told if name in MOST}
+    kept = bounded(Reply(**{name: fields[name] for name in fields if name in MOST}))  # type: ignore[arg-type]
+    return fields | {name: getattr(kept, name) for name in fields if name in MOST}
 
 
 def _said(content: object) -> tuple[str, str]:

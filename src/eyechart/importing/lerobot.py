@@ -191,7 +191,7 @@ def import_lerobot(
         "camera": ", ".join(data.reels),
     }
     if ahead is not None and chosen.rig is not None:
-        rig, settings[KIND] = _told(_with_rotations(data, chosen.rig, kept, ahead), kept, ahead)
+        rig, settings[KIND] = _with_kind(_with_rotations(data, chosen.rig, kept, ahead), kept, ahead)
         chosen = replace(chosen, rig=rig)
         data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
     data.said.extend(data.timeline.said())
@@ -376,7 +376,7 @@ def _with_rotations(data: Dataset, rig: SensorLayout, kept: BankRows, ahead: Hor
     return msgspec.structs.replace(rig, motion=msgspec.structs.replace(rig.motion, rotations=found))
 
 
-def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayout, dict[str, object]]:
+def _with_kind(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayout, dict[str, object]]:
     """Return a rig with its kind of motion, and the evidence for it.
 
     A place is relative to its paired number of the state. A kind that was given wins. Raises
@@ -387,15 +387,15 @@ def _told(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[SensorLayo
     assert kept.log is not None
     named = [columns.index(one.state) if one.state else None for one in motion.number]
     walks = [walk for walk in kept.log.walks() if len(walk.done)]
-    told, units = tell_turned(walks, named, motion.rotations, len(columns)), in_degrees(walks, named)
-    kind, by = _kind(told, ahead, named, units)
-    said = [f"kind: {kind}, as {by}: {told.why()}{units}"]
-    if ahead.kind and told.against(kind):
-        said = [told.warning(kind, "--kind")]
+    evidence, units = tell_turned(walks, named, motion.rotations, len(columns)), in_degrees(walks, named)
+    kind, by = _kind(evidence, ahead, named, units)
+    said = [f"kind: {kind}, as {by}: {evidence.why()}{units}"]
+    if ahead.kind and evidence.contradicts(kind):
+        said = [evidence.warning(kind, "--kind")]
     elif by == _BY_NAMES:
-        said = [f"kind: {kind}, as {by}; the data do not tell ({told.why()}); --kind declares another"]
-    settled = _paired(motion, kind, told.pairs if told.kind in RELATIVE else named, columns)
-    return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": told.ratio, "said": said}
+        said = [f"kind: {kind}, as {by}; the data do not tell ({evidence.why()}); --kind declares another"]
+    settled = _paired(motion, kind, evidence.pairs if evidence.kind in RELATIVE else named, columns)
+    return msgspec.structs.replace(rig, motion=settled), {"by": by, "ratio": evidence.ratio, "said": said}
 
 
 def _paired(motion: LoggedMotion, kind: Kind, pairs: Sequence[int | None], columns: Sequence[str]) -> LoggedMotion:

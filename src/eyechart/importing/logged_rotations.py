@@ -124,9 +124,9 @@ class LoggedRows:
             if one.representation is not None:
                 found.append(Rotation(one.representation, first, of))
         wrong = [f"--rotation {fault}" for fault in self.faults(found)]
-        asked = [line for of in self.rows for line in self._undeclared(of, known)]
-        if wrong or asked:
-            raise SpecError("\n".join([*wrong, *asked]))
+        undeclared = [line for of in self.rows for line in self._undeclared(of, known)]
+        if wrong or undeclared:
+            raise SpecError("\n".join([*wrong, *undeclared]))
         state = sorted(one.first for one in found if one.of == "state")
         motion = sorted((one for one in found if one.of == "motion"), key=lambda one: one.first)
         pairs: Sequence[int | None] = state if len(state) == len(motion) else [None] * len(motion)
@@ -185,7 +185,7 @@ class LoggedRows:
                 if like:
                     taken |= window
                     names = [name.lower() for name in self.names[of][first : first + size]]
-                    like = "quat_wxyz" if size == 4 and _w_is_first(names) else like
+                    like = "quat_wxyz" if size == 4 and _has_w_first(names) else like
                     first_w = _OR.get(like, "")
                     named = self._named(of, first, size)
                     yield (
@@ -208,13 +208,13 @@ _OR = {
 """Other rotations that such numbers may be, by the likeliest."""
 
 
-def _w_is_first(names: Sequence[str]) -> bool:
+def _has_w_first(names: Sequence[str]) -> bool:
     return names[0].endswith("w") and not names[-1].endswith("w")
 
 
 def _contradicted(names: Sequence[str], representation: Representation) -> str:
     """Return how the names of numbers contradict a quaternion's order, "" if they do not."""
-    if representation == "quat_xyzw" and _w_is_first(names):
+    if representation == "quat_xyzw" and _has_w_first(names):
         return f"its first number is named '{names[0]}', as in quat_wxyz"
     if representation == "quat_wxyz" and names[-1].endswith("w") and not names[0].endswith("w"):
         return f"its last number is named '{names[-1]}', as in quat_xyzw"
@@ -319,11 +319,11 @@ def tell_turned(
         theirs.index(partner) + place - own.index(number) if (partner := partners[number]) in theirs else None
         for place, number in enumerate(own)
     ]
-    told = tell(_in_turns(walks, motion, state), turned)
+    evidence = tell(_in_turns(walks, motion, state), turned)
     firsts = {one.first for one in state}
-    found = {number: place for number, place in zip(own, told.pairs, strict=True) if place is not None}
+    found = {number: place for number, place in zip(own, evidence.pairs, strict=True) if place is not None}
     found = {number: theirs[place] for number, place in found.items() if theirs[place] not in firsts}
-    return replace(told, pairs=tuple(found.get(number) for number in range(len(named))))
+    return replace(evidence, pairs=tuple(found.get(number) for number in range(len(named))))
 
 
 def _in_turns(

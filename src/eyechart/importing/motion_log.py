@@ -212,7 +212,7 @@ class LogDescription:
         alike = "" if not self.alike else f", and {self.alike:.0%} with the state itself, as places of another unit do"
         return f"{far}; {self.follows:.0%} of the numbers go along with the changes of the state{alike}"
 
-    def against(self, kind: Kind) -> bool:
+    def contradicts(self, kind: Kind) -> bool:
         """Return whether the data clearly contradict this kind."""
         return self.kind is not None and (kind in PLACES) != (self.kind in PLACES)
 

@@ -286,14 +286,14 @@ class _Pages:
             if kind == _DICTIONARY:
                 dictionary += max(packed, unpacked)
             elif kind in {_DATA, _DATA_2}:
-                told = _get(header, 5 if kind == _DATA else 8, _STRUCT)
-                encoding = _get(told, 2 if kind == _DATA else 4, _I32)
+                page_header = _get(header, 5 if kind == _DATA else 8, _STRUCT)
+                encoding = _get(page_header, 2 if kind == _DATA else 4, _I32)
                 if encoding not in _ENCODINGS or (words and encoding in {5, 9}):
                     raise _MalformedError(
                         "it has an encoding whose size is known only after reading, such as DELTA_BYTE_ARRAY; write "
                         "it as PLAIN or with a dictionary"
                     )
-                pages.append((_get(told, 1, _I32), max(packed, unpacked)))
+                pages.append((_get(page_header, 1, _I32), max(packed, unpacked)))
         return _UnpackedColumn(dictionary, pages)
 
     def _header(self, at: int, end: int) -> tuple[Fields, int]:

@@ -49,12 +49,12 @@ class Repeat:
     frames: Sequence[Frame]
     episode: str
     of: str
-    told: bool
+    is_reworded: bool
     pairs: Sequence[tuple[Frame, Frame]]
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return {"episode": self.episode, "of": self.of, "frames": len(self.frames), "told_otherwise": self.told}
+        return {"episode": self.episode, "of": self.of, "frames": len(self.frames), "told_otherwise": self.is_reworded}
 
 
 def repeats(
@@ -82,9 +82,11 @@ def repeats(
                 if len(holders[key]) < MOST_HOLDERS:
                     holders[key].append(drive)
             continue
-        told, before = ({*chain.from_iterable(one.fields.items() for one in episodes[name])} for name in (drive, of))
+        instruction, before = (
+            {*chain.from_iterable(one.fields.items() for one in episodes[name])} for name in (drive, of)
+        )
         pairs = [(one, moments[of][key]) for key, one in own.items() if key in moments[of]]
-        result.append(Repeat(episodes[drive], names[drive], names[of], not told <= before, pairs))
+        result.append(Repeat(episodes[drive], names[drive], names[of], not instruction <= before, pairs))
     return result
 
 
@@ -95,9 +97,9 @@ def in_words(found: Sequence[Mapping[str, object]], *, kept: bool) -> str:
     said = f"{len(pairs)} episodes repeat others: {named}"
     if len(pairs) == 1:
         said = f"episode '{found[0]['episode']}' repeats episode '{found[0]['of']}'"
-    told = sum(bool(one["told_otherwise"]) for one in found)
-    of = "" if told == len(pairs) else f" in {told}"
-    said += f" (same pictures and numbers{f', another instruction{of}' if told else ''})"
+    reworded = sum(bool(one["told_otherwise"]) for one in found)
+    of = "" if reworded == len(pairs) else f" in {reworded}"
+    said += f" (same pictures and numbers{f', another instruction{of}' if reworded else ''})"
     count = sum(int(str(one["frames"])) for one in found)
     if kept:
         return f"warning: {said}: kept, as --keep-repeats says, and counted twice"
@@ -112,8 +114,8 @@ def _key(frame: Frame, digest: Callable[[str], str]) -> bytes:
     """
     numbers = [*chain.from_iterable(frame.state.values())] or [*chain.from_iterable(frame.motion)]
     held = np.array(numbers, dtype=np.float32) + np.float32(0)  # no zero with a sign
-    told = held.tobytes() if numbers else " ".join(map(digest, frame.pictures.values())).encode()
-    return hashlib.blake2b(told, digest_size=16).digest()
+    content = held.tobytes() if numbers else " ".join(map(digest, frame.pictures.values())).encode()
+    return hashlib.blake2b(content, digest_size=16).digest()
 
 
 def _same(
@@ -130,21 +132,21 @@ def _same(
             continue
         shared = [key for key in own if key in other]
         looked = {shared[place * (len(shared) - 1) // (LOOKED_AT - 1)] for place in range(LOOKED_AT)}
-        if all(_alike(own[key], other[key], read) for key in looked):
+        if all(_are_alike(own[key], other[key], read) for key in looked):
             return drive
     return None
 
 
-def _alike(frame: Frame, other: Frame, read: Callable[[str], bytes]) -> bool:
+def _are_alike(frame: Frame, other: Frame, read: Callable[[str], bytes]) -> bool:
     """Return whether all cameras of two frames show the same."""
-    return all(_seen_alike(read(file), read(other.pictures[name])) for name, file in frame.pictures.items())
+    return all(_are_seen_alike(read(file), read(other.pictures[name])) for name, file in frame.pictures.items())
 
 
-def _seen_alike(one: bytes, other: bytes) -> bool:
-    return one == other or _level(decode(one, "a picture"), decode(other, "a picture"))
+def _are_seen_alike(one: bytes, other: bytes) -> bool:
+    return one == other or _are_level(decode(one, "a picture"), decode(other, "a picture"))
 
 
-def _level(one: RGB, other: RGB) -> bool:
+def _are_level(one: RGB, other: RGB) -> bool:
     """Return whether two pictures differ by no more than their encoding can."""
     if one.shape != other.shape:
         return False

@@ -68,7 +68,7 @@ class ModelLook:
         before = planned.counts()[1]
         outcome = self._made(planned)
         mode = planned.manifest.mode(wanted.spec)
-        return self._answered(outcome, mode, asked=planned.counts()[1] > before)
+        return self._answered(outcome, mode, has_new_calls=planned.counts()[1] > before)
 
     @cached_property
     def _prices(self) -> Prices:
@@ -80,8 +80,8 @@ class ModelLook:
 
     def _plan(self, mode: RequestMode, limit: int | None) -> Battery:
         wanted, extent = self.wanted, BatterySelection(limit, stop_early=True)
-        asked = [wanted.held or mode]
-        return battery.plan(self.bank, asked, wanted.run, prompt=wanted.prompt, seed=wanted.seed, extent=extent)
+        modes = [wanted.held or mode]
+        return battery.plan(self.bank, modes, wanted.run, prompt=wanted.prompt, seed=wanted.seed, extent=extent)
 
     def _sized(self, known: RequestMode | None) -> Battery:
         """Return the plan on the fewest frames that can give every answer, or as the budget allows.
@@ -120,7 +120,7 @@ class ModelLook:
         allowed = RunAllowance(self._prices, max_calls=self.wanted.budget, before=before, again=self.wanted.again)
         return planned.make(allowed, self.watch.bar)
 
-    def _answered(self, outcome: RunOutcome, mode: RequestMode, *, asked: bool) -> Look:
+    def _answered(self, outcome: RunOutcome, mode: RequestMode, *, has_new_calls: bool) -> Look:
         """Return the answer of the run, and write its page."""
         wanted = self.wanted
         scored = battery.score(wanted.run)
@@ -130,7 +130,7 @@ class ModelLook:
         whole = verdict.unfinished is None
         because = _because(verdict) if whole else f"The run is not finished: {stopped or verdict.progress}."
         pictures, among = _pictures(scored.models[wanted.spec].answers)
-        write_report(wanted, self.bank, self.watch, asked=asked)
+        write_report(wanted, self.bank, self.watch, has_new_calls=has_new_calls)
         return Look(
             wanted.spec,
             verdict.answer if whole else "Inconclusive",
@@ -207,7 +207,7 @@ def _unseen(verdict: Verdict, mode: RequestMode) -> Iterator[str]:
 def _failed(wanted: LookRequest, evidence: Evidence) -> Iterator[str]:
     """Yield the number of calls that failed, and the first error, if no gate holds such a run."""
     count = evidence.reasons().get("error")
-    if not count and not evidence.unfinished:
+    if not count and not evidence.is_unfinished:
         return  # calls that failed and that its verdict did not need
     with Ledger(wanted.run / LEDGER) as ledger:
         found = [one for _, one in ledger.replies(wanted.spec) if one.error]

@@ -113,7 +113,7 @@ class PolicyLook:
             read_prices(), max_calls=wanted.budget, concurrency=at_once, before=before, again=wanted.again
         )
         outcome = planned.make(allowed, self.watch.bar)
-        return self._answered(planned, outcome, asked=planned.counts()[1] > finished)
+        return self._answered(planned, outcome, has_new_calls=planned.counts()[1] > finished)
 
     def _known(self) -> RequestMode | None:
         """Return the mode that the policy is asked in; None if it must be found first."""
@@ -195,7 +195,7 @@ class PolicyLook:
         because = f"It does not answer as a policy on this bank: {why}."
         return Look(wanted.spec, "Inconclusive", because, label="unseen", next=steps, calls=found.calls)
 
-    def _answered(self, planned: PolicyRun, outcome: RunOutcome, *, asked: bool) -> Look:
+    def _answered(self, planned: PolicyRun, outcome: RunOutcome, *, has_new_calls: bool) -> Look:
         wanted, spec = self.wanted, self.wanted.spec
         scored = policy.score(wanted.run)
         verdict = judge(scored)[spec]
@@ -205,7 +205,7 @@ class PolicyLook:
         if calls > finished:
             because = f"The run is not finished: {stopped or f'{finished} of {calls} calls'}."
         answer = "Inconclusive" if verdict.guards or calls > finished else verdict.answer
-        write_report(wanted, self.bank, self.watch, asked=asked)
+        write_report(wanted, self.bank, self.watch, has_new_calls=has_new_calls)
         return Look(
             spec,
             answer,
@@ -255,9 +255,9 @@ def _pictures(scored: PolicyScore, spec: str) -> Iterator[PictureResult]:
 
 
 def _steps(
-    asked: PolicyLook, scored: PolicyScore, answer: str, verdict: PolicyVerdict, *, left: bool
+    look: PolicyLook, scored: PolicyScore, answer: str, verdict: PolicyVerdict, *, left: bool
 ) -> Iterator[NextStep]:
-    wanted, run = asked.wanted, shlex.quote(str(asked.wanted.run))
+    wanted, run = look.wanted, shlex.quote(str(look.wanted.run))
     if left:
         yield from wanted.continued()
         return
@@ -266,13 +266,13 @@ def _steps(
     if answer == "Yes":
         yield NextStep("keep it so in CI: exit 0 as long as it looks", f"eyechart gate {run} --require looks")
     elif verdict.guards:
-        yield NextStep("see why it cannot be judged, and repair it", asked.doctor())
+        yield NextStep("see why it cannot be judged, and repair it", look.doctor())
     elif CAMERA[verdict.camera.label].may_be_more:
         settle = settling(scored, wanted.spec, CAMERAS)
         if settle.is_of_the_road:
-            yield NextStep("to settle it: does its picture reach it?", asked.doctor())
+            yield NextStep("to settle it: does its picture reach it?", look.doctor())
         else:
-            yield NextStep(f"to settle it: {settle.do}", f"eyechart plan {shlex.quote(str(asked.bank))}")
+            yield NextStep(f"to settle it: {settle.do}", f"eyechart plan {shlex.quote(str(look.bank))}")
     else:
-        yield NextStep("see whether its pictures reach it", asked.doctor())
+        yield NextStep("see whether its pictures reach it", look.doctor())
     yield NextStep("what it does with its state and its instruction", f"eyechart verdict {run}")

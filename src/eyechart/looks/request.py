@@ -186,11 +186,11 @@ class Watch:
     agree: Callable[[Bill], None]
 
 
-def write_report(wanted: LookRequest, bank: Path, watch: Watch, *, asked: bool) -> None:
+def write_report(wanted: LookRequest, bank: Path, watch: Watch, *, has_new_calls: bool) -> None:
     """Write the run's page; an existing page stays if no call was made since."""
     from eyechart.report.page import write_page  # noqa: PLC0415 - it draws figures
 
-    if wanted.report.is_file() and not asked:
+    if wanted.report.is_file() and not has_new_calls:
         return
     with watch.bar("report", "pages") as move:
         made = study_of(wanted.run, "report").report([wanted.run], [bank], ReadOptions(), lambda _: None)

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from eyechart import __version__
-from eyechart.calls import Query, Reply, bounded, misfit
+from eyechart.calls import Query, Reply, bounded, invalid_field
 from eyechart.errors import SpecError, did_you_mean
 from eyechart.modes import RequestMode, each_without_secrets, in_one_line, read_mode
 
@@ -199,7 +199,7 @@ async def ask(model: Model, query: Query) -> Reply:
         if not isinstance(reply, Reply):
             raise TypeError(f"the model answered with a {type(reply).__name__}, not with a Reply")  # noqa: TRY301
         reply = _in_one_line(cleaned(bounded(reply)))
-        if wrong := misfit(reply):
+        if wrong := invalid_field(reply):
             raise TypeError(f"the model's Reply cannot be kept: {wrong}")  # noqa: TRY301
     except asyncio.CancelledError:
         task = asyncio.current_task()
@@ -214,7 +214,7 @@ async def ask(model: Model, query: Query) -> Reply:
 
 
 _SAID = tuple(one.name for one in fields(Reply) if one.type in {str, str | None} and one.name != "payload_sha256")
-"""The fields of a reply that may hold words of others; `misfit` lets only a digest be the other."""
+"""The fields of a reply that may hold words of others; `invalid_field` lets only a digest be the other."""
 _words = attrgetter(*_SAID)
 
 

@@ -70,7 +70,7 @@ class Ollama:
         turns = query.said_by(self.mode.system).turns
         if words := _unplaceable(turns, renders="renderer" in self.facts):
             return Reply(error="exception", error_detail=words)
-        payload = orjson.dumps(_asked(self.name, query, turns, self.mode))
+        payload = orjson.dumps(_request_body(self.name, query, turns, self.mode))
         call = self._send(payload)
         return await metered(call) if self.mode.options.get("energy") else await call
 
@@ -123,7 +123,7 @@ def names() -> dict[str, str]:
 class _NoRedirects(urllib.request.HTTPRedirectHandler):
     """Follows no redirect: it would send the headers, and their secrets, to another address."""
 
-    def redirect_request(self, *asked: object, **more: object) -> None:
+    def redirect_request(self, *request: object, **more: object) -> None:
         """Return no request; urllib then raises the redirect as an HTTPError."""
 
 
@@ -271,7 +271,7 @@ def _message(turn: Turn) -> dict[str, object]:
     return message
 
 
-def _asked(name: str, query: Query, turns: Sequence[Turn], mode: RequestMode) -> dict[str, object]:
+def _request_body(name: str, query: Query, turns: Sequence[Turn], mode: RequestMode) -> dict[str, object]:
     options: dict[str, object] = {"num_predict": mode.max_tokens}
     if mode.temperature is not None:
         options["temperature"] = mode.temperature
@@ -281,18 +281,18 @@ def _asked(name: str, query: Query, turns: Sequence[Turn], mode: RequestMode) ->
         options["num_ctx"] = mode.options["num_ctx"]
     given = dict(mode.body)
     more = given.pop("options", {})
-    asked = {
+    body = {
         "model": name,
         "messages": list(map(_message, turns)),
         "stream": True,
         "options": options | (dict(more) if isinstance(more, Mapping) else {}),
     }
     if query.messages:
-        asked["truncate"] = False  # else Ollama silently drops the first messages of a long prompt
-    asked |= {option: mode.options[option] for option in ("think", "keep_alive") if option in mode.options}
+        body["truncate"] = False  # else Ollama silently drops the first messages of a long prompt
+    body |= {option: mode.options[option] for option in ("think", "keep_alive") if option in mode.options}
     if mode.structured != "none":
-        asked["format"] = "json" if mode.structured == "json_object" else query.schema
-    return asked | given
+        body["format"] = "json" if mode.structured == "json_object" else query.schema
+    return body | given
 
 
 def _failed(came: Response, name: str) -> Reply:

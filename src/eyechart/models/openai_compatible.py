@@ -79,9 +79,9 @@ class OpenAICompatible:
 
     async def answer(self, query: Query) -> Reply:
         """Answer one query. A failure is a Reply with its kind."""
-        asked = query.said_by(self.mode.system)
-        body = orjson.dumps(self._fixed | _asked(asked, self.mode) | dict(self.mode.body))
-        call = self._send(_with_pictures(body, asked.pictures))
+        spoken = query.said_by(self.mode.system)
+        body = orjson.dumps(self._fixed | _request_body(spoken, self.mode) | dict(self.mode.body))
+        call = self._send(_with_pictures(body, spoken.pictures))
         return await metered(call) if self.mode.options.get("energy") else await call
 
     async def _send(self, payload: bytes) -> Reply:
@@ -146,25 +146,25 @@ def _in_the_clear(base_url: str, key: str) -> list[str]:
     return ["the key is sent without encryption: the address begins with http://"] if clear else []
 
 
-def _asked(query: Query, mode: RequestMode) -> dict[str, object]:
+def _request_body(query: Query, mode: RequestMode) -> dict[str, object]:
     """Return the part of a request that depends on the query."""
-    asked: dict[str, object] = {"messages": list(map(_message, query.turns))}
+    body: dict[str, object] = {"messages": list(map(_message, query.turns))}
     if mode.seed:
-        asked["seed"] = query.seed % _SEEDS
+        body["seed"] = query.seed % _SEEDS
     if mode.stream != "none":
-        asked["stream"] = True
+        body["stream"] = True
     if mode.stream == "usage":
-        asked["stream_options"] = {"include_usage": True}
+        body["stream_options"] = {"include_usage": True}
     if mode.structured == "json_object":
-        asked["response_format"] = {"type": "json_object"}
+        body["response_format"] = {"type": "json_object"}
     elif mode.structured == "json_schema":
         schema = {"name": "decision", "strict": True, "schema": query.schema}
-        asked["response_format"] = {"type": "json_schema", "json_schema": schema}
+        body["response_format"] = {"type": "json_schema", "json_schema": schema}
     elif mode.structured == "tool_call":
         function = {"name": TOOL, "description": _TOOL_DOES, "strict": True, "parameters": query.schema}
-        asked["tools"] = [{"type": "function", "function": function}]
-        asked["tool_choice"] = {"type": "function", "function": {"name": TOOL}}
-    return asked
+        body["tools"] = [{"type": "function", "function": function}]
+        body["tool_choice"] = {"type": "function", "function": {"name": TOOL}}
+    return body
 
 
 def read_completion(body: Mapping[str, object], status: int) -> Reply:

@@ -443,7 +443,7 @@ def import_callable(name: str) -> tuple[Ask, str, dict[str, str]]:
     """
     module_name, colon, function = name.rpartition(":")
     if not colon or not module_name or not function:
-        near = _perhaps(name) or "for example python:my_robot:decide"
+        near = _suggestion(name) or "for example python:my_robot:decide"
         raise SpecError(f"'python:{name}' must be python:MODULE:FUNCTION, {near}")
     if module_name.endswith(".py") or "/" in module_name or "\\" in module_name:
         near = f"python:{Path(module_name.replace(chr(92), '/')).stem}:{function}"
@@ -482,7 +482,7 @@ def _instead(name: str, part: str, owner: object, found: object) -> str:
     return f": it is a value of type {type(found).__name__}{near}"
 
 
-def _perhaps(name: str) -> str:
+def _suggestion(name: str) -> str:
     """Suggest a SPEC for a name without a colon between module and function; "" without a guess."""
     path, dot, function = name.rstrip(":").rpartition(".")
     if function == "py" or not dot or not path or not function:

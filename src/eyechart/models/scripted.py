@@ -118,12 +118,12 @@ def _never_right(decide: Decide) -> Decide:
 
 def _graded(scene: Scene, clear: str, blocked: str = "STOP") -> Answer:
     """Brake by distance, and answer ``clear`` where the road is free."""
-    return clear if scene.free else blocked if scene.blocked else "SLOW"
+    return clear if scene.is_free else blocked if scene.is_blocked else "SLOW"
 
 
 def _round(scene: Scene) -> Answer:
     """Pass on the clear side, on the left if both are clear; SLOW if none is, never STOP."""
-    if scene.free:
+    if scene.is_free:
         return "STRAIGHT"
     return "LEFT" if scene.left_clear else "RIGHT" if scene.right_clear else "SLOW"
 

@@ -97,11 +97,11 @@ class Network:
 
     def act(self, images: Mapping[str, npt.NDArray[np.uint8]], state: Floats, instruction: str | None) -> Floats:
         """Return a motion, shape (8, 3); a policy that samples draws its noise without a seed."""
-        own, told = self.weights, instruction or ""
+        own, words = self.weights, instruction or ""
         if len(state) != len(own["state_mean"]):
             raise ValueError(f"it was trained with {len(own['state_mean'])} numbers of state, and got {len(state)}")
         pose = (state - own["state_mean"]) / (own["state_std"] + 1e-6)
-        named = [float(colour in told) for colour in ("red", "blue")]
+        named = [float(colour in words) for colour in ("red", "blue")]
         shown = {name: images[name] for name in ("top", "wrist")}
         looks = (self._look(name, one.tobytes(), one.shape, one.dtype.str) for name, one in shown.items())
         seen = np.concatenate([*looks, pose, named])

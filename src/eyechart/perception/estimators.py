@@ -35,7 +35,7 @@ def _over_calling(scene: Scene) -> str:
 
 def _silent_when_free(scene: Scene) -> str:
     text = str(Estimate.of(scene))
-    if not scene.free:
+    if not scene.is_free:
         return text
     return json.dumps({name: value for name, value in json.loads(text).items() if name != "confidence"})
 

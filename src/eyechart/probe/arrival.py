@@ -112,12 +112,12 @@ async def arrives(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) 
         return Fault("picture", f"pictures arrive in some calls only: {what}; {hint}")
     if _lost(alone, together) < LOST:
         return None
-    before, one_by_one = (f"{sum(shot.right for shot in shots)} of {len(shots)}" for shots in (alone, again))
+    before, one_by_one = (f"{sum(shot.is_right for shot in shots)} of {len(shots)}" for shots in (alone, again))
     if _lost(alone, again) >= LOST:
         what = f"pictures of this run's size ({form.words}) do not arrive as they are"
         named = f"{one_by_one} drawn ones are named rightly at this size, and {before} at 384×384"
         return Fault("picture", f"{what}: {named}; {form.another}")
-    at_once = f"{sum(shot.right for shot in together)} of {len(together)}"
+    at_once = f"{sum(shot.is_right for shot in together)} of {len(together)}"
     named = f"{at_once} are named rightly in parallel calls, and {one_by_one} one at a time"
     what = "the server mixes up the pictures of parallel calls"
     return Fault("picture", f"{what}: {named}; run with --concurrency 1, or repair the server")
@@ -129,8 +129,8 @@ def _flickers(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuesti
     Several servers at one address answer so, if one of them drops pictures.
     """
     both = list(zip(before, after, strict=True))
-    gone = sum(one.right and other.said == NONE for one, other in both)
-    back = sum(one.said == NONE and other.right for one, other in both)
+    gone = sum(one.is_right and other.said == NONE for one, other in both)
+    back = sum(one.said == NONE and other.is_right for one, other in both)
     return min(gone, back) >= FLICKERS
 
 
@@ -140,9 +140,9 @@ async def reuses(asker: Asker, sight: SightAnswers, seed: int) -> Fault | None:
     Two calls with pictures of a new size, made only if all named colours are the first picture's.
     With such a cache, both get the colour of the first of the two.
     """
-    told = [shot.said for shot in sight.shots if shot.question.kind == "colour"]
-    named = told[0] if told else None
-    if len(told) < 2 or set(told) != {named} or named != sight.shots[0].question.answer:
+    colours = [shot.said for shot in sight.shots if shot.question.kind == "colour"]
+    named = colours[0] if colours else None
+    if len(colours) < 2 or set(colours) != {named} or named != sight.shots[0].question.answer:
         return None
     dice = random.Random(key_seed("arrival", seed, "reuses"))  # noqa: S311 - no secret
     first, other = dice.sample([colour for colour in CHOICES["colour"] if colour != named], 2)
@@ -170,7 +170,7 @@ async def apart(asker: Asker, sight: SightAnswers, sample: Sample, seed: int) ->
     both answers must lack a colour. The server may also have exchanged the pictures, which is a
     note: then both calls reverse the colours, and the first picture gets the last one's colour.
     """
-    forms = {name: _form(picture, name) for name, picture in sample.asked[0][1].images.items()}
+    forms = {name: _form(picture, name) for name, picture in sample.questions[0][1].images.items()}
     if len(forms) < 2:
         return None, ""
     colours = _colours(seed)
@@ -233,8 +233,10 @@ def _left_out(
 
 async def _of_first(asker: Asker, forms: Mapping[str, Form], shown: Mapping[str, str], seed: int) -> str:
     """Return a note if the first of several pictures gets the last one's colour, else ""."""
-    asked = "Each picture shows a shape of one colour. Which colour is it in the first picture? Answer with one word: "
-    reply = await asker.ask(_of_several(forms, shown, seed, asked))
+    question = (
+        "Each picture shows a shape of one colour. Which colour is it in the first picture? Answer with one word: "
+    )
+    reply = await asker.ask(_of_several(forms, shown, seed, question))
     first, *_, last = shown.values()
     if reply.error is not None or _names(reply, first) or not _names(reply, last):
         return ""
@@ -253,10 +255,10 @@ def _is_turned(reply: Reply, colours: Sequence[str]) -> bool:
 _ALL = "Each picture shows a shape of one colour. Which colours are there? Answer with all, in the pictures' order: "
 
 
-def _of_several(forms: Mapping[str, Form], shown: Mapping[str, str], seed: int, asked: str = _ALL) -> Query:
+def _of_several(forms: Mapping[str, Form], shown: Mapping[str, str], seed: int, question: str = _ALL) -> Query:
     """Return a query with a picture for each camera: a shape of that camera's colour."""
-    asked = f"{asked}{', '.join(CHOICES['colour'])}."
-    query, dice = plain(asked, seed), random.Random(seed)  # noqa: S311 - no secret
+    question = f"{question}{', '.join(CHOICES['colour'])}."
+    query, dice = plain(question, seed), random.Random(seed)  # noqa: S311 - no secret
     images = {name: in_form(draw("colour", shown[name], dice), form) for name, form in forms.items()}
     return replace(query, stimulus=replace(query.stimulus, images=images))
 
@@ -270,10 +272,10 @@ async def repeats(asker: Asker, sight: SightAnswers, sample: Sample) -> str:
     if asker.mode.temperature != 0:
         return ""
     first, *again = [await asker.ask(sample.query(0)) for _ in range(1 + REPEATS)]
-    told = [sample.space.read(one).action for one in (first, *again) if one.error is None]
+    actions = [sample.space.read(one).action for one in (first, *again) if one.error is None]
     same, of = sight.same
-    equal = sum(one == told[0] for one in told[1:])
-    return f"{max(0, same - 1) + equal} of {max(0, of - 1) + max(0, len(told) - 1)}"
+    equal = sum(one == actions[0] for one in actions[1:])
+    return f"{max(0, same - 1) + equal} of {max(0, of - 1) + max(0, len(actions) - 1)}"
 
 
 def _shots(questions: Sequence[AnsweredQuestion], replies: Sequence[Reply]) -> list[AnsweredQuestion]:
@@ -286,7 +288,7 @@ def _shots(questions: Sequence[AnsweredQuestion], replies: Sequence[Reply]) -> l
 def _lost(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuestion]) -> int:
     """Return the net loss of right answers, among calls that did not fail."""
     both = [
-        (question.right, other.right)
+        (question.is_right, other.is_right)
         for question, other in zip(before, after, strict=True)
         if other.reply.error is None
     ]
@@ -295,7 +297,7 @@ def _lost(before: Sequence[AnsweredQuestion], after: Sequence[AnsweredQuestion])
 
 def form_of(sample: Sample) -> Form | None:
     """Return the form of a run's largest picture, None where it shows none."""
-    forms = [_form(picture, name) for _, seen in sample.asked for name, picture in seen.images.items()]
+    forms = [_form(picture, name) for _, seen in sample.questions for name, picture in seen.images.items()]
     return max(forms, key=lambda form: form.wide * form.high, default=None)
 
 

@@ -65,22 +65,22 @@ class Asker:
 
     async def ask(self, query: Query, mode: RequestMode | None = None) -> Reply:
         """Return the reply to a query, in this asker's mode or another; a failure is one too."""
-        asked = mode or self.mode
-        reply = await self._once(query, asked)
+        tried = mode or self.mode
+        reply = await self._once(query, tried)
         while mode is None and (change := amended(self.mode, reply, self.fixed)) is not None:
             changed, words = change
             if words in self.notes:
                 break  # both forms of the field are refused
             self.mode = changed
             self.notes.append(words)
-            asked = self.mode
-            reply = await self._once(query, asked)
+            tried = self.mode
+            reply = await self._once(query, tried)
         folds = mode is None and bool(query.system) and self.mode.system == "system" and "system" not in self.fixed
         if folds and reply.error in REFUSED:
             reply = await self._folded(query, reply)
         if reply.error in TRANSIENT:
             await asyncio.sleep(pause_s(1, reply))
-            reply = await self._once(query, asked)
+            reply = await self._once(query, tried)
             if folds and reply.error == "server_error":  # some report a template's exception so
                 reply = await self._folded(query, reply)
         return reply

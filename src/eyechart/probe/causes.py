@@ -37,7 +37,7 @@ def likely_causes(sight: SightAnswers, mode: RequestMode, facts: Mapping[str, st
     if not any(reply.error is None for reply in sight.replies):
         return _failures(sight, mode)
     outcome, found = sight.outcome, _beside_the_text(sight)
-    if sight.cached_by_words:
+    if sight.is_cached_by_words:
         found.append(
             "a cache between here and the model finds replies by their words and not by their picture. Every frame of "
             "a battery would get the same reply; words that were never sent before were answered rightly"
@@ -46,9 +46,9 @@ def likely_causes(sight: SightAnswers, mode: RequestMode, facts: Mapping[str, st
         found += _why_blind(sight)
     elif outcome == "cannot_say":
         found += _why_unsaid(sight, mode)
-    if not sight.cached_by_words and sight.sudden_by_words:
+    if not sight.is_cached_by_words and sight.is_sudden_by_words:
         found.append("a cache is suspected: different pictures with the same words got the identical reply at once")
-    elif not sight.cached_by_words and sight.is_sudden:
+    elif not sight.is_cached_by_words and sight.is_sudden:
         found.append(
             "a cache is suspected: an exact repeat got the identical reply at once. Then real_repeat would not "
             "measure how far the model agrees with itself: switch it off"

@@ -90,7 +90,7 @@ class Diagnosis:
             "same_reply": {"same": same, "of": of},
             "schema": {"binds": self.schema_binds, "because": self.schema_says},
             "budget": {"enough": self.budget_enough, "because": self.budget_says},
-            "cache": {"by_words": self.sight.cached_by_words, "repeats_at_once": self.sight.is_sudden},
+            "cache": {"by_words": self.sight.is_cached_by_words, "repeats_at_once": self.sight.is_sudden},
             "replies": [
                 {"kind": shot.question.kind, "right": shot.question.answer, "said": shot.said}
                 | {"text": shot.reply.text[:500], **to_json_fields(shot.reply, "error seconds")}
@@ -159,5 +159,5 @@ def _budget(sight: SightAnswers, sample: Sample, answer: Reply, mode: RequestMod
     longest = f"the longest took {max(tokens)} of {mode.max_tokens}" if tokens else "none reports its tokens"
     if answer.error is not None:
         return None, f"{len(came)} replies complete, {longest}; none to the driving prompt"
-    decision = "" if sample.decided(answer) else "; the one to the prompt 'baseline' holds no readable decision"
+    decision = "" if sample.is_decision(answer) else "; the one to the prompt 'baseline' holds no readable decision"
     return True, f"{len(came)} replies complete, {longest}{decision}"

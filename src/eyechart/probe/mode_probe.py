@@ -119,7 +119,7 @@ class _Probe:
         binds = await self._structure()
         *came, bare = await self._samples()
         empty = Emptiness.of(came)
-        if empty.whole:
+        if empty.is_whole:
             raise ProbeError(empty.words, asker.spent)
         self.notes += [empty.words] if empty.empty else []
         pinned = self._budget([*came, bare])
@@ -173,11 +173,11 @@ class _Probe:
     async def _first_answer(self, facts: dict[str, str]) -> None:
         """Raise the budget until a reply to the sample is complete, or raise ProbeError."""
         reply = await self.asker.ask(self.sample.query(0))
-        for _ in self.sample.asked[1:]:
+        for _ in self.sample.questions[1:]:
             if not _is_blocked(reply):
                 break
-            first, *others = self.sample.asked
-            self.sample = replace(self.sample, asked=[*others, first])
+            first, *others = self.sample.questions
+            self.sample = replace(self.sample, questions=[*others, first])
             reply = await self.asker.ask(self.sample.query(0))
         while is_cut(reply):
             self._grow(reply)
@@ -241,7 +241,7 @@ class _Probe:
         The budget grows until none is cut off. A picture that a filter blocks is left out.
         """
         came: list[Reply] = []
-        left = list(range(max(_SAMPLES, len(self.sample.asked))))
+        left = list(range(max(_SAMPLES, len(self.sample.questions))))
         while len(came) <= len(left):
             number = left[len(came)] if len(came) < len(left) else None
             query = self.sample.query(0, picture=False) if number is None else self.sample.query(number)
@@ -292,8 +292,8 @@ class _Probe:
         """Return whether the server ignores an unknown field; False if it refuses the field."""
         if not is_served(self.asker.mode):
             return None
-        asked = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
-        reply = await self.asker.ask(plain(_SENTENCE, key_seed("unknown")), asked)
+        extended = replace(roomy, structured="none", body={**roomy.body, "eyechart_unknown": True})
+        reply = await self.asker.ask(plain(_SENTENCE, key_seed("unknown")), extended)
         return True if reply.error is None else False if reply.error in REFUSED else None
 
 
@@ -344,6 +344,6 @@ def names_of(
     """Return the facts that name the model, and the result of its pictures in words."""
     found = {name: text for name, text in facts.items() if name not in {"template", "warning"}}
     for name in ("served", "provider"):
-        told = sorted({value for reply in came if (value := getattr(reply, name)) is not None})
-        found |= {name: ", ".join(told)} if told else {}
+        values = sorted({value for reply in came if (value := getattr(reply, name)) is not None})
+        found |= {name: ", ".join(values)} if values else {}
     return {**found, "picture": causes[0] if sight.outcome == "blind" and causes else sight.because}

@@ -50,7 +50,7 @@ class AnsweredQuestion:
     said: str | None
 
     @property
-    def right(self) -> bool:
+    def is_right(self) -> bool:
         """Return whether the reply names the right answer."""
         return self.said == self.question.answer
 
@@ -115,7 +115,7 @@ class SightAnswers:
         return len(refused) > 1 and all(refused) and bool(plain) and all(plain)
 
     @property
-    def cached_by_words(self) -> bool:
+    def is_cached_by_words(self) -> bool:
         """Return whether different pictures got one reply where, and only where, words repeat."""
         p = self.score(fresh=True).p
         return bool(self._alike) and p is not None and p < ALPHA
@@ -123,12 +123,12 @@ class SightAnswers:
     @property
     def is_sudden(self) -> bool:
         """Return whether exact repeats got the identical reply at once, as from a cache."""
-        return self.same == (1 + REPEATS, 1 + REPEATS) and self._at_once(self.again)
+        return self.same == (1 + REPEATS, 1 + REPEATS) and self._is_at_once(self.again)
 
     @property
-    def sudden_by_words(self) -> bool:
+    def is_sudden_by_words(self) -> bool:
         """Return whether different pictures with the same words got one reply a kind, at once."""
-        return self._at_once(self._alike)
+        return self._is_at_once(self._alike)
 
     @property
     def _alike(self) -> list[Reply]:
@@ -150,7 +150,7 @@ class SightAnswers:
             question.reply for question in self._came if question.question.kind == kind and not question.question.fresh
         ]
 
-    def _at_once(self, replies: Iterable[Reply]) -> bool:
+    def _is_at_once(self, replies: Iterable[Reply]) -> bool:
         """Return whether replies took far less time than those to new words."""
         took, usual = _median(replies), _median(question.reply for question in self._came if question.question.fresh)
         return took is not None and usual is not None and usual >= SLOWEST_S and took < SUDDEN * usual
@@ -174,7 +174,7 @@ class SightAnswers:
     @property
     def outcome(self) -> Outcome:
         """Return what the replies prove: "sees", "blind" or, if neither, "cannot_say"."""
-        if self.takes_no_pictures or self.cached_by_words:
+        if self.takes_no_pictures or self.is_cached_by_words:
             return "blind"
         if self.p is not None and self.p < ALPHA:
             return "sees"
@@ -190,7 +190,7 @@ class SightAnswers:
         if not isinstance(every, ForcedChoice):
             return "no question was answered"
         counted = f"{every.right} of {every.n} right, where guessing gives {every.expected:.1f}"
-        if self.cached_by_words:
+        if self.is_cached_by_words:
             return f"different pictures got the identical reply whenever the words were the same ({counted})"
         if self.outcome == "sees":
             return f"{counted} (p {_p(self.p)})"
@@ -240,9 +240,9 @@ async def look(asker: Asker, seed: int, *, spare: int = 0) -> SightAnswers:
     It ends early at an error that every call would meet, or if pictures are refused. Repeats of the
     first question leave ``spare`` calls for the caller.
     """
-    sight, asked = SightAnswers(), questions(seed)
+    sight, series = SightAnswers(), questions(seed)
     try:
-        for number, question in enumerate(asked):
+        for number, question in enumerate(series):
             reply = await asker.ask(_query(question.words, question.picture, seed, number))
             sight.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
             if number == 1 and all(shot.reply.error is not None for shot in sight.shots):
@@ -261,8 +261,8 @@ async def look(asker: Asker, seed: int, *, spare: int = 0) -> SightAnswers:
     return sight
 
 
-def _query(asked: str, picture: bytes | None, seed: int, number: int) -> Query:
-    return plain(asked, key_seed("probe", seed, number), picture=picture)
+def _query(words: str, picture: bytes | None, seed: int, number: int) -> Query:
+    return plain(words, key_seed("probe", seed, number), picture=picture)
 
 
 def picture_counts(tokens: int | None) -> bool | None:

@@ -15,13 +15,13 @@ from eyechart.channels import (
     INSTRUCTION,
     STATE,
     flat_state,
+    instruction_key,
     logs,
     reads,
     relative,
     relative_log,
     require_history,
     require_inputs,
-    told,
 )
 from eyechart.conditions import mixed, show
 from eyechart.errors import BankError, counted
@@ -153,7 +153,7 @@ class _ProbeFrames:
         others = [frame for frame in bank if frame.drive != self.first.drive]
         if not others:
             raise BankError(f"the bank {bank.root} has one episode, and the checks need frames of another one")
-        apart = [frame for frame in others if told(frame.fields) != told(self.first.fields)]
+        apart = [frame for frame in others if instruction_key(frame.fields) != instruction_key(self.first.fields)]
         self.other = (apart or others)[len(apart or others) // 2]
         self.further = _spread(bank.frames)
         self.logs = logs(bank)
@@ -181,7 +181,9 @@ class _ProbeFrames:
     def pair(self) -> tuple[Frame, ...]:
         """Return two further frames with a logged motion, if possible of different instructions."""
         logged = [frame for frame in self.further if frame.id in self.kept]
-        others = [frame for frame in logged[1:] if told(frame.fields) != told(logged[0].fields)] or logged[1:]
+        others = [
+            frame for frame in logged[1:] if instruction_key(frame.fields) != instruction_key(logged[0].fields)
+        ] or logged[1:]
         return (*logged[:1], *others[:1])
 
     def forms(self, frame: Frame) -> dict[str, Stimulus]:
@@ -222,7 +224,7 @@ class _ProbeFrames:
         yield "grey", show("blank", mine, self.bank, 0)
         if mine.state and mine.state != theirs.state:
             yield STATE, mixed(mine, theirs, STATE, self.bank)
-        if mine.fields and told(mine.fields) != told(theirs.fields):
+        if mine.fields and instruction_key(mine.fields) != instruction_key(theirs.fields):
             yield INSTRUCTION, mixed(mine, theirs, INSTRUCTION, self.bank)
         for name in cameras if len(cameras) > 1 else ():
             if (other := self.other_by([name], mine)) is not None:
@@ -240,10 +242,10 @@ class _ProbeFrames:
         """Return a policy's inputs in words."""
         state = {name: len(numbers) for name, numbers in self.first.state.items()}
         numbers = f"a state of {sum(state.values())} numbers ({', '.join(state)})" if state else "no state"
-        told = "an instruction" if self.first.fields else "no instruction"
+        instruction = "an instruction" if self.first.fields else "no instruction"
         pixels = {name: decode(image, name) for name, image in self.bank.images(self.first).items()}
         pictures = ", ".join(f"{name}: {pixel.shape} {pixel.dtype}" for name, pixel in pixels.items())
-        return f"the pictures {pictures}; {numbers}; {told}"
+        return f"the pictures {pictures}; {numbers}; {instruction}"
 
     def given_to(self, model: Model) -> str:
         """Return in words what a call of a policy gets, which a batch gets as lists."""
@@ -279,7 +281,7 @@ class _ProbeCalls:
     """Makes at most `MOST_CALLS` calls and reads the replies; ends after `ALIKE` equal failures."""
 
     model: Model
-    asked: _ProbeFrames
+    frames: _ProbeFrames
     tell: Callable[[int], None]
     replies: list[Reply] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
@@ -290,21 +292,21 @@ class _ProbeCalls:
         return len(self.replies)
 
     @property
-    def stopped(self) -> bool:
+    def is_stopped(self) -> bool:
         """Return whether the last calls failed in the same way."""
         return len(self.failed) >= ALIKE
 
     async def motion(self, seen: Stimulus) -> Decision[Motion]:
         """Return the answer to one stimulus; `_UNASKED` if no more calls are made."""
-        if self.made >= MOST_CALLS or self.stopped:
+        if self.made >= MOST_CALLS or self.is_stopped:
             return _UNASKED
-        query: Query = self.asked.prompt.query(seen, 1, self.asked.space)
+        query: Query = self.frames.prompt.query(seen, 1, self.frames.space)
         self.tell(self.made + 1)
         reply = await ask(self.model, query)
         self.replies.append(reply)
-        lacks = _NUMBER.sub("0", reply.error_detail) if reply.error else self.asked.space.lacks(reply)
+        lacks = _NUMBER.sub("0", reply.error_detail) if reply.error else self.frames.space.lacks(reply)
         self.failed = [*(self.failed if lacks in self.failed else ()), *([lacks] if lacks else ())]
-        return self.asked.space.read(reply)
+        return self.frames.space.read(reply)
 
     async def together(self, seen: Sequence[Stimulus]) -> list[Decision[Motion]]:
         """Return the answers to stimuli that are asked at once, so that they share a batch."""
@@ -312,34 +314,34 @@ class _ProbeCalls:
 
 
 async def _examine(spec: str, calls: _ProbeCalls, declared: tuple[str, ...]) -> PolicyDiagnosis:
-    asked, model = calls.asked, calls.model
+    frames, model = calls.frames, calls.model
     try:
-        mine, theirs = asked.of(asked.first), asked.of(asked.other)
+        mine, theirs = frames.of(frames.first), frames.of(frames.other)
         order = [await calls.motion(seen) for seen in (mine, mine, theirs, mine)]
-        changed = {name: await calls.motion(seen) for name, seen in asked.changed()}
-        further = {frame.id: await calls.motion(asked.of(frame)) for frame in asked.further}
+        changed = {name: await calls.motion(seen) for name, seen in frames.changed()}
+        further = {frame.id: await calls.motion(frames.of(frame)) for frame in frames.further}
         # A run judges a policy that fails on grey alone by its other answers, so that is no fault here.
         seen = [answer for name, answer in changed.items() if name != "grey"]
         findings = [_motions(calls, [*order, *seen, *further.values()])]
         together = await calls.together([mine, theirs]) if "batch" in model.facts else []
-        compared = [asked.compared(one) for one in order]
-        forms = await _formed(calls, further) if not _drawn(compared) else {}
-        more = await _tried_again(calls, compared, changed, further) if not _drawn(compared) else {}
+        compared = [frames.compared(one) for one in order]
+        forms = await _formed(calls, further) if not _is_drawn(compared) else {}
+        more = await _tried_again(calls, compared, changed, further) if not _is_drawn(compared) else {}
     finally:
         await close(model)
     if order[0].action is not None:
-        varies = len({asked.compared(one).action for one in (*order, *further.values())}) > 1
+        varies = len({frames.compared(one).action for one in (*order, *further.values())}) > 1
         seeded = model.facts.get("seedable") == "true"
         findings += [_again(compared, varies=varies, seeded=seeded)]
-        findings += [_in_a_batch(compared, [asked.compared(one) for one in together], model)] if together else []
-        reached = list(_reached(compared, {name: asked.compared(one) for name, one in changed.items()}, more))
-        constant = _varies(asked, order, further)
+        findings += [_in_a_batch(compared, [frames.compared(one) for one in together], model)] if together else []
+        reached = list(_reached(compared, {name: frames.compared(one) for name, one in changed.items()}, more))
+        constant = _varies(frames, order, further)
         varying = _with_history(constant, model)
-        checks = (*reached, _unit(asked, further))
+        checks = (*reached, _unit(frames, further))
         *reached, unit = checks if varying is constant else map(_of_one_answer, checks)
         findings += [_as_declared(one, declared, reached) for one in reached]
         alike = "its pictures are the same in every other episode, so nothing can be exchanged"
-        findings += [PolicyCheck(name, None, alike) for name in asked.alike()]
+        findings += [PolicyCheck(name, None, alike) for name in frames.alike()]
         findings += [varying, unit, _form(forms)]
     return PolicyDiagnosis(spec, tuple(findings), calls.made)
 
@@ -349,16 +351,16 @@ def _motions(calls: _ProbeCalls, answers: list[Decision[Motion]]) -> PolicyCheck
     made = [answer for answer in answers if answer is not _UNASKED]
     without = [answer for answer in made if answer.action is None]
     if not without:
-        return PolicyCheck("motions", True, f"all {len(made)} calls returned a motion {calls.asked.space.shape}")
-    given = f" ({calls.asked.given_to(calls.model)})"
+        return PolicyCheck("motions", True, f"all {len(made)} calls returned a motion {calls.frames.space.shape}")
+    given = f" ({calls.frames.given_to(calls.model)})"
     errors = (f"it fails: {reply.error_detail}{given}" for reply in calls.replies if reply.error is not None)
-    lacks = (calls.asked.space.lacks(reply) for reply in calls.replies)
+    lacks = (calls.frames.space.lacks(reply) for reply in calls.replies)
     said = "; ".join(dict.fromkeys([*list(errors)[:1], *filter(None, lacks)]))
-    end = f". No more were made: the last {ALIKE} failed in the same way" if calls.stopped else ""
+    end = f". No more were made: the last {ALIKE} failed in the same way" if calls.is_stopped else ""
     return PolicyCheck("motions", False, f"{len(without)} of {len(made)} calls hold no motion: {said}{end}")
 
 
-def _drawn(order: list[Decision[Motion]]) -> bool:
+def _is_drawn(order: list[Decision[Motion]]) -> bool:
     """Return whether two successive answers to the same frame differ by more than rounding."""
     first, second, other, _ = (one.action for one in order)
     if first is None or second is None or other is None:
@@ -396,8 +398,8 @@ def _in_a_batch(order: list[Decision[Motion]], together: list[Decision[Motion]],
         return PolicyCheck("batch", False, said)
     pairs = [(order[0].action, together[0].action), (order[2].action, together[1].action)]
     known = [(alone, shared) for alone, shared in pairs if alone is not None and shared is not None]
-    if len(known) < len(pairs) or _drawn(order):
-        why = "its answers are drawn at random" if _drawn(order) else "not every call returned a motion"
+    if len(known) < len(pairs) or _is_drawn(order):
+        why = "its answers are drawn at random" if _is_drawn(order) else "not every call returned a motion"
         return PolicyCheck("batch", None, f"whether a batch gets the answers of single calls is open: {why}")
     whole = _apart(known[0][0], known[1][0])
     size = max(_apart(alone, shared) for alone, shared in known)
@@ -420,13 +422,13 @@ async def _tried_again(
 
     Only the channels of which the change of the first frame changed no bit are tried.
     """
-    asked, first = calls.asked, order[0].action
-    silent = [name for name, one in changed.items() if first is not None and asked.compared(one).action == first]
+    frames, first = calls.frames, order[0].action
+    silent = [name for name, one in changed.items() if first is not None and frames.compared(one).action == first]
     found: dict[str, list[tuple[Motion, Motion]]] = {}
-    for frame in asked.further:
-        own = asked.compared(further[frame.id]).action
-        for name, seen in asked.changed(frame) if own is not None and frame.id != asked.first.id else ():
-            if name in silent and (answer := asked.compared(await calls.motion(seen)).action) is not None:
+    for frame in frames.further:
+        own = frames.compared(further[frame.id]).action
+        for name, seen in frames.changed(frame) if own is not None and frame.id != frames.first.id else ():
+            if name in silent and (answer := frames.compared(await calls.motion(seen)).action) is not None:
                 found.setdefault(name, []).append((own, answer))  # type: ignore[arg-type]
     return found
 
@@ -440,7 +442,7 @@ def _reached(
 
     ``more`` has answers to further pairs of frames.
     """
-    first, other, drawn = order[0].action, order[2].action, _drawn(order)
+    first, other, drawn = order[0].action, order[2].action, _is_drawn(order)
     assert first is not None
     whole = 0.0 if other is None else _apart(first, other)
     rounds = any(one.action not in (first, None) for one in (order[1], order[3]))
@@ -499,16 +501,16 @@ def _apart(motion: Motion, other: Motion) -> float:
 
 async def _formed(calls: _ProbeCalls, further: Mapping[str, Decision[Motion]]) -> dict[str, list[float]]:
     """Return the errors on two frames by form; other forms only if answers do not fit the log."""
-    asked = calls.asked
-    given = [(frame, further[frame.id].action) for frame in asked.pair]
-    result = {"": [asked.error(frame, action) for frame, action in given if action is not None]}
+    frames = calls.frames
+    given = [(frame, further[frame.id].action) for frame in frames.pair]
+    result = {"": [frames.error(frame, action) for frame, action in given if action is not None]}
     if len(result[""]) < 2 or max(result[""]) < _FITS:
         return result
-    for frame in asked.pair:
-        for what, seen in asked.forms(frame).items():
+    for frame in frames.pair:
+        for what, seen in frames.forms(frame).items():
             answer = (await calls.motion(seen)).action
             if answer is not None:
-                result.setdefault(what, []).append(asked.error(frame, answer))
+                result.setdefault(what, []).append(frames.error(frame, answer))
     return result
 
 
@@ -539,20 +541,22 @@ def _form(errors: Mapping[str, list[float]]) -> PolicyCheck:
     )
 
 
-def _varies(asked: _ProbeFrames, order: list[Decision[Motion]], further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
+def _varies(
+    probed: _ProbeFrames, order: list[Decision[Motion]], further: Mapping[str, Decision[Motion]]
+) -> PolicyCheck:
     """Check whether answers to several frames vary, compared with the log and with repeats."""
-    given = {asked.first.id: order[0], asked.other.id: order[2]} | dict(further)
-    answers = [(asked.bank.frame(name), one.action.array) for name, one in given.items() if one.action is not None]
+    given = {probed.first.id: order[0], probed.other.id: order[2]} | dict(further)
+    answers = [(probed.bank.frame(name), one.action.array) for name, one in given.items() if one.action is not None]
     if len(answers) < 2:
         return PolicyCheck("constant", None, "another frame got no motion")
-    numbers = asked.logged([frame for frame, _ in answers], np.stack([array for _, array in answers]))
+    numbers = probed.logged([frame for frame, _ in answers], np.stack([array for _, array in answers]))
     if (numbers == numbers[0]).all():
         return PolicyCheck("constant", False, "frames of different episodes get the same answer")
-    logged = asked.logged(asked.logs) if asked.logs else np.zeros((0, 1, 1))
-    spread = asked.space.spreads(logged if len(asked.logs) else numbers)
+    logged = probed.logged(probed.logs) if probed.logs else np.zeros((0, 1, 1))
+    spread = probed.space.spreads(logged if len(probed.logs) else numbers)
     units = np.where(spread > 0, spread, 1.0)
     varies = float((numbers / units).var(axis=0, ddof=1).mean())
-    again = np.stack([asked.as_given(one.action) for one in (order[0], order[1], order[3]) if one.action is not None])
+    again = np.stack([probed.as_given(one.action) for one in (order[0], order[1], order[3]) if one.action is not None])
     noise = float((again / units).var(axis=0, ddof=1).mean()) if len(again) > 1 else 0.0
     usual = float((logged / units).var(axis=0).mean()) if len(logged) else 0.0
     if usual and varies < _CONSTANT * usual:
@@ -582,45 +586,45 @@ def _of_one_answer(check: PolicyCheck) -> PolicyCheck:
     return replace(check, fine=None, says="all frames get one answer: see 'constant'") if check.fine is False else check
 
 
-def _reversed(asked: _ProbeFrames, kept: Sequence[tuple[Frame, Floats]]) -> PolicyCheck | None:
+def _reversed(probed: _ProbeFrames, kept: Sequence[tuple[Frame, Floats]]) -> PolicyCheck | None:
     """Return the check of a number with two values in the log that nearly always has the other one.
 
     A gripper is such a number, and data sets close it by either sign.
     """
-    log = np.concatenate([frame.motion for frame in asked.logs])
+    log = np.concatenate([frame.motion for frame in probed.logs])
     logged = np.concatenate([frame.motion for frame, _ in kept])
     own = np.concatenate([numbers for _, numbers in kept])
-    for number in asked.space.plain:
+    for number in probed.space.plain:
         values = np.unique(np.round(log[:, number], _DIGITS))
         wanted, given = (many[:, number] > values.mean() for many in (logged, own))
         if len(values) != 2 or wanted.all() or not wanted.any():
             continue
         if (share := float((wanted != given).mean())) >= _REVERSED and given.any() and not given.all():
-            name = asked.space.dimensions[number].name
+            name = probed.space.dimensions[number].name
             said = f"'{name}' has two values in the log, and the answers have the other one in {share:.0%} of the steps"
             return PolicyCheck("unit", False, f"{said}: is its sign the other, as of a gripper that closes by it?")
     return None
 
 
-def _unit(asked: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
+def _unit(probed: _ProbeFrames, further: Mapping[str, Decision[Motion]]) -> PolicyCheck:
     """Check whether the numbers have the log's size, which excludes another unit.
 
     The log is that of these frames and of the bank: a few frames may need almost no motion.
     """
-    pairs = [(frame, further[frame.id].action) for frame in asked.further if frame.id in asked.kept]
+    pairs = [(frame, further[frame.id].action) for frame in probed.further if frame.id in probed.kept]
     kept = [(frame, action.array) for frame, action in pairs if action is not None]
     if len(kept) < 2:
         return PolicyCheck("unit", None, "too few logged motions to compare the answers with")
     frames = [frame for frame, _ in kept]
-    if (turned := _reversed(asked, kept)) is not None:
+    if (turned := _reversed(probed, kept)) is not None:
         return turned
-    answers = asked.logged(frames, np.stack([numbers for _, numbers in kept]))
-    logged, every = asked.logged(frames), asked.logged(asked.logs)
+    answers = probed.logged(frames, np.stack([numbers for _, numbers in kept]))
+    logged, every = probed.logged(frames), probed.logged(probed.logs)
     here, usual, size = (np.maximum(np.sqrt((one**2).mean(axis=(0, 1))), 1e-9) for one in (logged, every, answers))
     most, least = size / np.maximum(here, usual), size / np.minimum(here, usual)
     sizes = np.where(most > 1, most, np.minimum(least, 1.0))
     away = np.abs(answers.mean(axis=(0, 1)) - logged.mean(axis=(0, 1))) / np.maximum(every.std(axis=(0, 1)), 1e-9)
-    for number, dimension in enumerate(asked.space.dimensions[place] for place in asked.space.plain):
+    for number, dimension in enumerate(probed.space.dimensions[place] for place in probed.space.plain):
         if every[..., number].std() < 1e-9:
             continue
         if _SMALL <= sizes[number] <= _LARGE and away[number] <= _AWAY:

@@ -29,23 +29,23 @@ class Sample:
     ``at_once`` is the run's number of parallel calls.
     """
 
-    asked: Sequence[tuple[Prompt, Stimulus]]
+    questions: Sequence[tuple[Prompt, Stimulus]]
     space: AnySpace = DRIVING
     at_once: int = 8
 
     def query(self, number: int, *, picture: bool = True) -> Query:
         """Return one query of the sample, with or without its picture."""
-        prompt, seen = self.asked[number % len(self.asked)]
+        prompt, seen = self.questions[number % len(self.questions)]
         return prompt.query(seen if picture else replace(seen, images={}), key_seed("sample", number), self.space)
 
     @property
     def wants_json(self) -> bool:
         """Return whether every prompt asks for JSON."""
-        asked = (self.query(number) for number in range(len(self.asked)))
-        said = (" ".join(turn.words for turn in one.turns) for one in asked)
+        queries = (self.query(number) for number in range(len(self.questions)))
+        said = (" ".join(turn.words for turn in one.turns) for one in queries)
         return all(re.search(r"\bjson\b", words, re.IGNORECASE) for words in said)
 
-    def decided(self, reply: Reply) -> bool:
+    def is_decision(self, reply: Reply) -> bool:
         """Return whether a reply holds a decision."""
         return self.space.read(reply).action is not None
 

@@ -35,7 +35,7 @@ def doctor_table(diagnosis: "Diagnosis") -> Table:
         "a schema is enforced": (f"{_YES[diagnosis.schema_binds]}: {diagnosis.schema_says}", ""),
         "the token budget is enough": (f"{_YES[diagnosis.budget_enough]}: {diagnosis.budget_says}", ""),
     }
-    rows += [(name, *told, "", "") for name, told in others.items()]
+    rows += [(name, *cells, "", "") for name, cells in others.items()]
     named = (*columns("text", "check", "result"), Column("n", "count"), Column("by guessing", "number", 1))
     return Table("doctor", "", (*named, Column("p", "p")), tuple(rows))
 

@@ -392,7 +392,7 @@ def _name_points(axes: Axes, points: Sequence[tuple[str, float, float]]) -> None
         axes.scatter([x], [y], s=34, color=BLUE, edgecolors=PAPER, linewidths=0.8, zorder=3)
         wide = 6.2 * len(label)
         box, side = next(
-            (spot for spot in _spots(float(px), float(py), wide) if _free(spot[0], bounds, taken)),
+            (spot for spot in _spots(float(px), float(py), wide) if _is_free(spot[0], bounds, taken)),
             next(_spots(float(px), float(py), wide)),
         )
         taken.append(box)
@@ -411,7 +411,7 @@ def _spots(px: float, py: float, wide: float) -> Iterator[tuple[Box, str]]:
             yield (px - away - wide, py + up - 7, px - away, py + up + 7), "right"
 
 
-def _free(box: Box, bounds: Bbox, taken: Sequence[Box]) -> bool:
+def _is_free(box: Box, bounds: Bbox, taken: Sequence[Box]) -> bool:
     inside = box[0] > bounds.x0 and box[2] < bounds.x1 + 12 and box[1] > bounds.y0 and box[3] < bounds.y1
     return inside and not any(
         box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3] for other in taken

@@ -33,11 +33,11 @@ def contact_sheet(bank: FrameBank, out: Path, *, counterfactual: str | None = No
     frames = [frame for frame in bank if counterfactual is None or counterfactual in frame.counterfactuals]
     if not frames:
         raise BankError(f"no frame of {bank.root} has a counterfactual picture '{counterfactual}'")
-    told = bank.manifest.motion is not None
+    has_motion = bank.manifest.motion is not None
     cells = [
         [
             SheetCell(
-                (_caption(frame, bank, counterfactual), *(_told(frame) if told else ())),
+                (_caption(frame, bank, counterfactual), *(_policy_lines(frame) if has_motion else ())),
                 small(_pixels(bank, frame, counterfactual), _CELL_PX),
             )
             for frame in row
@@ -123,7 +123,7 @@ def _pixels(bank: FrameBank, frame: Frame, counterfactual: str | None, *, mirror
     return np.concatenate([first, *more], axis=1) if more else first
 
 
-def _told(frame: Frame) -> tuple[str, str]:
+def _policy_lines(frame: Frame) -> tuple[str, str]:
     """Return a policy's input of a frame, and the first and last step of its logged motion."""
     said = "; ".join(map(str, frame.fields.values())) or "no instruction"
     state = "; ".join(f"{name} {_numbers(numbers)}" for name, numbers in frame.state.items()) or "no state"

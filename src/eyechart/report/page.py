@@ -128,12 +128,12 @@ def parted(said: Sequence[VerdictSummary], answers: Mapping[str, Sequence[str]],
     many = {
         answer: [summary.who for summary in said if answers[summary.comes_to] == answer] for answer in answers.values()
     }
-    told = [
+    parts = [
         f"{' '.join(answer)} {len(names)}" + (f" ({', '.join(names)})" if len(said) <= _MOST_NAMED else "")
         for answer, names in many.items()
         if names
     ]
-    return f"Of {len(said)} {what}: {'; '.join(told)}."
+    return f"Of {len(said)} {what}: {'; '.join(parts)}."
 
 
 @dataclass(frozen=True)

@@ -94,8 +94,8 @@ class Column:
         if isinstance(cell, Mark):
             return f"{cell.text} {cell.sign}".rstrip()
         if isinstance(cell, Statistic):
-            told = {"interval": cell.ci and self.shown(ends(cell)), "n": f"({cell.n})", "": ""}[self.beside]
-            return f"{self.shown(cell.value)} {told or ''}".rstrip()
+            suffix = {"interval": cell.ci and self.shown(ends(cell)), "n": f"({cell.n})", "": ""}[self.beside]
+            return f"{self.shown(cell.value)} {suffix or ''}".rstrip()
         if isinstance(cell, tuple):
             return self._interval(cell)
         if isinstance(cell, str):
@@ -426,8 +426,8 @@ def stack_tables(tables: Mapping[str, Table]) -> Table:
         return replace(cell, text=f"{name} · {cell.text}") if isinstance(cell, Mark) else f"{name} · {cell}"
 
     rows = tuple((named(name, row[0]), *row[1:]) for name, table in tables.items() for row in table.rows)
-    told = dict.fromkeys(part for table in tables.values() for part in table.note.rstrip(".").split(". ") if part)
-    note = first.note if all(one.note == first.note for one in others) else ". ".join(told)
+    notes = dict.fromkeys(part for table in tables.values() for part in table.note.rstrip(".").split(". ") if part)
+    note = first.note if all(one.note == first.note for one in others) else ". ".join(notes)
     return replace(first, rows=rows, note=note)
 
 

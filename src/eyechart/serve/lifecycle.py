@@ -147,11 +147,11 @@ async def _drain(server: Server, tell: Callable[[str], None]) -> None:
 async def _warm_up(guardian: Guardian, limit_s: float, tell: Callable[[str], None]) -> None:
     """Call each model once, and report every few seconds that it still runs."""
     tell(f"calling each of {len(guardian.models)} models once, for at most {limit_s:g} s")
-    asked, start = asyncio.create_task(guardian.warm_up(limit_s)), time.perf_counter()
+    task, start = asyncio.create_task(guardian.warm_up(limit_s)), time.perf_counter()
     try:
-        while not (await asyncio.wait([asked], timeout=_TELLING_S))[0]:
+        while not (await asyncio.wait([task], timeout=_TELLING_S))[0]:
             tell(f"still waiting for a first reply after {time.perf_counter() - start:.0f} s")
-        for spec, why in (await asked).items():
+        for spec, why in (await task).items():
             tell(f"warning: '{spec}' does not answer: {why}; without its votes nothing is called clear")
     finally:
-        asked.cancel()
+        task.cancel()

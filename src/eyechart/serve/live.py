@@ -110,7 +110,7 @@ class LiveRun:
     over: str = ""
     _moves: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=10_000))
     _kept: tuple[LiveModel, ...] = ()
-    _asked: dict[Path, tuple[int, _RunReading]] = field(default_factory=dict)
+    _readings: dict[Path, tuple[int, _RunReading]] = field(default_factory=dict)
     _reads: int = 0
     _spent: float = 0.0
     _why: str = ""
@@ -131,7 +131,7 @@ class LiveRun:
             return None
         return (of_late[-1][1] - of_late[0][1]) / (now - of_late[0][0])
 
-    def asked(self) -> tuple[LiveModel, ...]:
+    def models(self) -> tuple[LiveModel, ...]:
         """Return each model's answers so far, by the last read of the files."""
         now, before = time.monotonic(), time.thread_time()
         within = self._reads < _EARLY or self._spent <= _SHARE * (time.process_time() - self._spent)
@@ -150,12 +150,12 @@ class LiveRun:
 
     def html(self) -> bytes:
         """Return the current page."""
-        asked, rate = self.asked(), self.rate
+        models, rate = self.models(), self.rate
         of_late = "" if rate is None else f", {rate:.2f} a second recently"
         count = f"{self.done} of {self.total} {self.unit}"
         bar = f'<p><progress max="{self.total or 1}" value="{self.done}">{count}</progress></p>'
-        parts = [bar, f"<p><strong>{count}</strong>{of_late}{_cost(asked)}.</p>"]
-        parts += [f"<p>{escape(self._why)}</p>"] if not asked else map(_section, asked)
+        parts = [bar, f"<p><strong>{count}</strong>{of_late}{_cost(models)}.</p>"]
+        parts += [f"<p>{escape(self._why)}</p>"] if not models else map(_section, models)
         title = escape(self.folder.resolve().name)
         values = {"title": title, "now": "\n".join(parts), "over": escape(self.over)}
         return _shell().substitute(values).encode("utf-8", "backslashreplace")
@@ -179,14 +179,14 @@ class LiveRun:
                 for spec in manifest.models:
                     name = f"{spec} in {part}" if part else spec
                     sent, price = list(ledger.attempts(spec)), self.prices.of(manifest.mode(spec))
-                    yield _asked(name, sent, columns_of(sent, read), price, space)
+                    yield _live_model(name, sent, columns_of(sent, read), price, space)
 
     def _manifest(self, study: Study[Any], run: Path) -> _RunReading:
         """Return a run's manifest, space and reader, read again only after a change."""
         written = (run / RUN).stat().st_mtime_ns
-        if run not in self._asked or self._asked[run][0] != written:
-            self._asked[run] = written, (*study.asked(run), study.reader(run))
-        return self._asked[run][1]
+        if run not in self._readings or self._readings[run][0] != written:
+            self._readings[run] = written, (*study.manifest_and_space(run), study.reader(run))
+        return self._readings[run][1]
 
 
 @cache
@@ -228,7 +228,7 @@ def _section(model: LiveModel) -> str:
     return f"<section><h2><bdi>{escape(model.name)}</bdi></h2><p>{escape(model.words)}</p>{amiss}{table}</section>"
 
 
-def _asked(
+def _live_model(
     name: str, sent: Sequence[SentAttempt], attempts: Attempts, price: Price | None, space: AnySpace
 ) -> LiveModel:
     decisions, first, empty, replies = Counter[str](), list[LiveAnswer](), 0, 0

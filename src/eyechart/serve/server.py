@@ -132,7 +132,7 @@ class Server:
         """Answer a picture, or give the reason of a refusal in one line."""
         start = time.perf_counter()
         picture = await self._read(request, start)
-        assessment = await self._asked(picture, start)
+        assessment = await self._assessment(picture, start)
         response = _json(assessment.as_dict())
         self.metrics.seconds.observe(time.perf_counter() - start)
         self.metrics.note(assessment)
@@ -246,7 +246,7 @@ class Server:
         if request.headers.get("Content-Encoding", "identity").lower() != "identity":
             raise _RequestRefusal(415, "a picture must be sent without a Content-Encoding")
 
-    async def _asked(self, picture: bytes, start: float) -> Assessment:
+    async def _assessment(self, picture: bytes, start: float) -> Assessment:
         """Wait for a turn, and call the guardian; refuse if too many wait, or no time is left."""
         self._require_room(self._left(start))
         self.held += 1

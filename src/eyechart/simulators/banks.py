@@ -343,8 +343,8 @@ def _pictured(bank: FrameBank) -> dict[str, str]:
 def built_of(bank: FrameBank) -> BankOrigin:
     """Return the settings of a bank's build from its manifest; raises ValueError if it has none."""
     made = bank.manifest
-    told = {name: made.settings[name] for name in ("seeds", "steps", "staging") if name in made.settings}
-    return build_record(BankOrigin, {"preset": made.preset, **told, "controls_seed": made.controls.seed or 0})
+    settings = {name: made.settings[name] for name in ("seeds", "steps", "staging") if name in made.settings}
+    return build_record(BankOrigin, {"preset": made.preset, **settings, "controls_seed": made.controls.seed or 0})
 
 
 def _require(seeds: Sequence[int], steps: int) -> None:

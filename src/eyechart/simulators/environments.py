@@ -55,13 +55,13 @@ class DriveEnvironment(gymnasium.Env[RGB, np.int64]):
         Raises SpecError for an unknown scenario or a seed out of range.
         """
         super().reset(seed=seed)
-        asked = options or {}
+        chosen = options or {}
         names = list(self._simulator.declared.scenarios)
         drawn = names[int(self.np_random.integers(len(names)))]
         world_seed = int(self.np_random.integers(_MOST_SEED))
         self._world = {
-            "scenario": str(asked.get("scenario", self._scenario or drawn)),
-            "seed": int(asked.get("seed", world_seed)),
+            "scenario": str(chosen.get("scenario", self._scenario or drawn)),
+            "seed": int(chosen.get("seed", world_seed)),
         }
         self.close()
         self._drive = self._simulator.drive(str(self._world["scenario"]), int(self._world["seed"] or 0))

@@ -93,21 +93,21 @@ class AnswerSpace(Discrete):
         (first, *others) = self.fields
         return self if others or not _is_bare(first) else AnswerSpace.of(self.name, [_with_values(first, own)])
 
-    def among(self, told: Iterable[Mapping[str, object]]) -> "AnswerSpace":
+    def among(self, rows: Iterable[Mapping[str, object]]) -> "AnswerSpace":
         """Return the space of frames with these fields, whose names are the union of theirs."""
         if not self.columns:
             return self
         names: dict[str, dict[str, None]] = {field.name: {} for field in self.fields if field.from_column}
-        for frame in told:
+        for frame in rows:
             for field in self.fields:
                 if field.from_column is not None:
                     names[field.name] |= dict.fromkeys(candidates_of(frame.get(field.from_column, "")))
         found = tuple((name, tuple(some)) for name, some in names.items())
         return replace(AnswerSpace.of(self.name, self.fields, found), reader=self.reader)
 
-    def given(self, told: Mapping[str, object]) -> "AnswerSpace":
+    def given(self, row: Mapping[str, object]) -> "AnswerSpace":
         """Return the space of one frame whose words state these fields."""
-        return _given(self, tuple(str(told.get(name, "")) for name in self.columns)) if self.columns else self
+        return _given(self, tuple(str(row.get(name, "")) for name in self.columns)) if self.columns else self
 
     def turn(self, symbol: str) -> str:
         """Return an action's fields that a reflection exchanges; another text as it is."""
@@ -295,8 +295,8 @@ def place(into: dict[str, object], path: Sequence[str], of: Mapping[str, object]
 
 
 @lru_cache(maxsize=4096)
-def _given(space: AnswerSpace, told: tuple[str, ...]) -> AnswerSpace:
-    allowed = zip((field.name for field in space.fields if field.from_column), map(candidates_of, told), strict=True)
+def _given(space: AnswerSpace, cells: tuple[str, ...]) -> AnswerSpace:
+    allowed = zip((field.name for field in space.fields if field.from_column), map(candidates_of, cells), strict=True)
     return replace(space, candidates=tuple(allowed))
 
 

@@ -115,9 +115,9 @@ class Discrete(SpaceDefaults):
         del own
         return self
 
-    def among(self, told: Iterable[Mapping[str, object]]) -> "Discrete":
+    def among(self, rows: Iterable[Mapping[str, object]]) -> "Discrete":
         """Return the space of frames with these fields in their words."""
-        del told
+        del rows
         return self
 
     def opposite(self, turn: str) -> str:

@@ -21,9 +21,9 @@ from eyechart.spaces.space import (
     READ_AT_MOST,
     UNPARSED,
     Decision,
+    is_too_deep,
     json_objects,
     refuses,
-    too_deep,
     unparsed,
     why_unanswered,
     without_thinking,
@@ -373,9 +373,9 @@ def read_fields(text: str, fields: Sequence[AnswerField]) -> FieldValues:
         if isinstance(found, _NoFieldValue):
             return FieldValues(None, found.why, one.name)
         values.append(found)
-    told = [one for pairs in objects for one in _plain_pairs(pairs)]
+    pairs_found = [one for pairs in objects for one in _plain_pairs(pairs)]
     known = {one.key.split(".")[-1] for one in fields if one.key is not None}
-    if says_no_picture(rest) or says_failed(told, known):
+    if says_no_picture(rest) or says_failed(pairs_found, known):
         return FieldValues(None, "says_error", fields[0].name)
     return FieldValues(tuple(values))
 
@@ -632,7 +632,7 @@ def _python_objects(text: str, json_spans: Sequence[tuple[int, int]]) -> list[tu
 
 
 def _python_pairs(text: str) -> _JsonPairs | None:
-    if too_deep(text):
+    if is_too_deep(text):
         return None
     try:
         made = ast.parse(text, mode="eval").body
@@ -831,7 +831,7 @@ def _has_rows(field: AnswerField, listed: list[object], rows: Sequence[list[obje
 def _listed(given: str) -> object:
     """Return the list that a text is, None if it is none."""
     text = given.strip(_AROUND).translate(_MINUS)
-    if _VECTOR.fullmatch(text) is None or len(text) > _OBJECT_AT_MOST or too_deep(text.replace("(", "[")):
+    if _VECTOR.fullmatch(text) is None or len(text) > _OBJECT_AT_MOST or is_too_deep(text.replace("(", "[")):
         return None
     try:
         return _plain_node(ast.parse(text, mode="eval").body)
@@ -854,12 +854,12 @@ def _bounds(text: str, where: str) -> tuple[float, float, bool]:
     return (-math.inf, bound, strict) if found[1][0] == "<" else (bound, math.inf, strict)
 
 
-def candidates_of(told: object) -> tuple[str, ...]:
+def candidates_of(cell: object) -> tuple[str, ...]:
     """Return the names in a frame's column: a JSON list, or a text with commas or new lines.
 
     It is empty where the column holds none.
     """
-    text = str(told).strip()
+    text = str(cell).strip()
     if text.startswith("["):
         try:
             listed = parse_json(text, most=_VALUES_AT_MOST)

@@ -20,9 +20,9 @@ from eyechart.spaces.space import (
     Answer,
     Decision,
     SpaceDefaults,
+    is_too_deep,
     refuses,
     thinks_behind,
-    too_deep,
     why_unanswered,
     without_thinking,
 )
@@ -124,17 +124,17 @@ class Scene:
     distances: Distances = HIGHWAY
 
     @property
-    def close(self) -> bool:
+    def is_close(self) -> bool:
         """Return whether a lead is nearer than the world's threshold, 18 m on a highway."""
         return self.gap_m is not None and self.gap_m < self.distances.close_m
 
     @property
-    def free(self) -> bool:
+    def is_free(self) -> bool:
         """Return whether the road ahead is free."""
         return self.gap_m is None or self.gap_m >= self.distances.free_m
 
     @property
-    def blocked(self) -> bool:
+    def is_blocked(self) -> bool:
         """Return whether the lead is so near that the safe action is to stop."""
         return self.gap_m is not None and self.gap_m < self.distances.stop_m
 
@@ -150,9 +150,9 @@ def safe_action(scene: Scene) -> str:
     clear, and otherwise SLOW. With both sides clear it is SLOW too, because a choice between them
     would be a prior.
     """
-    if scene.free:
+    if scene.is_free:
         return "STRAIGHT"
-    if scene.blocked:
+    if scene.is_blocked:
         return "STOP"
     if scene.left_clear != scene.right_clear:
         return "LEFT" if scene.left_clear else "RIGHT"
@@ -175,7 +175,7 @@ class Estimate:
     @classmethod
     def of(cls, scene: Scene, confidence: float = 1.0) -> "Estimate":
         """Return a scene as a consistent estimate."""
-        return cls(scene.gap_m, scene.close, scene.left_clear, scene.right_clear, confidence)
+        return cls(scene.gap_m, scene.is_close, scene.left_clear, scene.right_clear, confidence)
 
     def disagrees(self, distances: Distances = HIGHWAY) -> bool:
         """Return whether ``close`` contradicts the gap."""
@@ -355,7 +355,7 @@ def _only_one(text: str, repairs: dict[Repair, None]) -> tuple[dict[str, object]
 def _agreed(objects: Sequence[dict[str, object]]) -> dict[str, object]:
     """Return the first estimate among objects, or the first; raises _Unreadable if two differ."""
     answers = [one for one in objects if any(name in one for name in FIELDS)] or objects[:1]
-    if any(_differ(answers[0].get(name), answer.get(name)) for answer in answers[1:] for name in FIELDS):
+    if any(_differs(answers[0].get(name), answer.get(name)) for answer in answers[1:] for name in FIELDS):
         raise _Unreadable("several_objects")
     return answers[0]
 
@@ -415,18 +415,18 @@ def _json(text: str) -> Sequence[tuple[str, object]]:
     def no_number(word: str) -> object:
         raise ValueError(f"{word} is no JSON")
 
-    if too_deep(text):
+    if is_too_deep(text):
         raise ValueError("it is nested too deeply")
     pairs: list[tuple[str, object]] = json.loads(text, object_pairs_hook=list, parse_constant=no_number)
     found: dict[str, object] = {}
     for name, value in pairs:
-        if name in FIELDS and name in found and _differ(found[name], value):
+        if name in FIELDS and name in found and _differs(found[name], value):
             raise _Unreadable("contradictory")
         found[name] = value
     return pairs
 
 
-def _differ(one: object, other: object) -> bool:
+def _differs(one: object, other: object) -> bool:
     """Return whether two values of a field differ; true is not 1, and lists are all equal."""
     if isinstance(one, list) or isinstance(other, list):
         return not (isinstance(one, list) and isinstance(other, list))

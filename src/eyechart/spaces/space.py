@@ -117,9 +117,9 @@ class SpaceDefaults(Protocol):
         """Return the prompt columns with the names that a frame allows."""
         return ()
 
-    def given(self, told: Mapping[str, object]) -> Self:
+    def given(self, row: Mapping[str, object]) -> Self:
         """Return the space of one frame whose words state these fields."""
-        del told
+        del row
         return self
 
     def in_world(self, distances: Distances) -> Self:
@@ -261,7 +261,7 @@ def thinks_behind(text: str, sign: str) -> bool:
     return False
 
 
-def too_deep(text: str, start: int = 0) -> bool:
+def is_too_deep(text: str, start: int = 0) -> bool:
     """Return whether the JSON value at ``start`` is nested in more than 100 levels.
 
     A parser's own limit depends on its caller's depth; this one does not.
@@ -290,12 +290,12 @@ def json_objects(text: str, kind: Callable[[list[tuple[str, object]]], T]) -> It
         end = start + 1
         try:
             value, ended = decoder.raw_decode(text, start)
-            if not too_deep(text, start):
+            if not is_too_deep(text, start):
                 end = ended
                 yield start, end, value
         except ValueError:
             pass
         except RecursionError:
-            if not too_deep(text, start):
+            if not is_too_deep(text, start):
                 raise
         start = text.find("{", end)

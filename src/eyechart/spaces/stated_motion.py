@@ -114,7 +114,7 @@ class StatedMotionSpace(MotionSpace):
         return len(self.fields) == 1 and self.fields[0].kind == "vector" and self.fields[0].name not in names
 
     @cached_property
-    def _asked(self) -> tuple[AnswerField, ...]:
+    def _answer_fields(self) -> tuple[AnswerField, ...]:
         """Return the fields of an answer in JSON, each with its key."""
         steps, wide = self.shape
         fields = self.fields or (AnswerField(ROWS, "vector", size=steps * wide, width=wide),)
@@ -128,7 +128,7 @@ class StatedMotionSpace(MotionSpace):
     def schema(self) -> dict[str, object]:
         """Return the JSON schema of an answer: an object with each field at its key."""
         result: dict[str, object] = {}
-        for one in self._asked:
+        for one in self._answer_fields:
             place(result, (one.key or one.name).split("."), one.schema())
         return result
 
@@ -140,7 +140,7 @@ class StatedMotionSpace(MotionSpace):
         if found.action is None:
             return Decision(None, found.missing, found.why)
         steps, wide = self.shape
-        values = dict(zip((one.name for one in self._asked), found.action, strict=True))
+        values = dict(zip((one.name for one in self._answer_fields), found.action, strict=True))
         if not self.fields or self._is_whole:
             (numbers,) = values.values()
             motion = Motion.of(np.reshape(numbers, (steps, wide)))
@@ -155,9 +155,9 @@ class StatedMotionSpace(MotionSpace):
 
         A text without a digit holds no number, and is read as one that lacks the field.
         """
-        if "{" in text or len(self._asked) > 1 or re.search(r"\d", text) is None:
-            return self._asked
-        (one,) = self._asked
+        if "{" in text or len(self._answer_fields) > 1 or re.search(r"\d", text) is None:
+            return self._answer_fields
+        (one,) = self._answer_fields
         own = self.fields[0] if self.fields else replace(one, key=None)
         return (own,)
 

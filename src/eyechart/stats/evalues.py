@@ -60,7 +60,7 @@ class MeanProcess:
         self._left, self._low, self._bank = frames, low, bank
         self._sum = 0.0
         self._log_wealth = [math.log(weight) for _, weight in BETS]
-        self.log_e = math.inf if self._certain() else 0.0
+        self.log_e = math.inf if self._is_certain() else 0.0
 
     def add(self, payoff: float) -> None:
         """Add the payoff of the next frame; ValueError below ``low``, or after the last frame."""
@@ -73,7 +73,7 @@ class MeanProcess:
         if self.log_e == math.inf:
             return
         room = mean - self._low
-        if self._certain() or (room < _CERTAIN < payoff - mean):
+        if self._is_certain() or (room < _CERTAIN < payoff - mean):
             self.log_e = math.inf
         elif room >= _CERTAIN and payoff != mean:
             self._bet((payoff - mean) / room)
@@ -86,7 +86,7 @@ class MeanProcess:
         most = max(self._log_wealth)
         self.log_e = most + math.log(sum(math.exp(one - most) for one in self._log_wealth))
 
-    def _certain(self) -> bool:
+    def _is_certain(self) -> bool:
         """Return whether no payoffs of the frames left can bring the sum to 0 (``bank`` only)."""
         return self._bank and self._sum + self._left * self._low > _CERTAIN
 

@@ -73,13 +73,13 @@ def ratio_bound(events: npt.ArrayLike, frames: npt.ArrayLike, longest: int, *, c
     # Half of the wealth is on the full stake.
     share = np.log([0.5, *[0.5 / (len(STAKES) - 1)] * (len(STAKES) - 1)])
 
-    def beaten(rate: float) -> bool:
+    def is_beaten(rate: float) -> bool:
         gains = np.maximum((rate * of - got) / ((1 - rate) * longest), -1)
         with np.errstate(divide="ignore"):  # a full stake may be lost
             wealth = np.log1p(np.outer(STAKES, gains)).sum(axis=1)
         return float(np.logaddexp.reduce(wealth + share)) >= -math.log(1 - confidence)
 
-    high = 1.0 if value == 1 else _lowest(lambda rate: rate < 1 and beaten(rate), value)
+    high = 1.0 if value == 1 else _lowest(lambda rate: rate < 1 and is_beaten(rate), value)
     detail = {"events": int(got.sum()), "episodes": int(np.count_nonzero(of)), "longest": longest}
     return UpperBound(value, n, (0.0, high), method=method, detail=detail, level=confidence, longest=longest)
 

@@ -136,13 +136,13 @@ def responding(effects: Sequence[Pairs], variation: Pairs, least: float) -> tupl
     variation in any of ``effects``. (0, 0) if the controller does not vary.
     """
     whole = float(variation.values.mean()) if len(variation.values) else 0.0
-    asked, found = set[int](), set[int]()
+    measured, found = set[int](), set[int]()
     for effect in effects if whole > 0 else ():
         for episode in np.unique(effect.owner).tolist():
-            asked.add(episode)
+            measured.add(episode)
             if effect.values[effect.owner == episode].mean() >= least * whole:
                 found.add(episode)
-    return len(found), len(asked)
+    return len(found), len(measured)
 
 
 def share_difference(first: tuple[Pairs, Pairs], second: tuple[Pairs, Pairs], *, level: float = LEVEL) -> Statistic:

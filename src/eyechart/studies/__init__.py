@@ -41,7 +41,7 @@ class CheckpointSeries(JsonRecord, Protocol):
     """The models of several runs in training order, and what changed from each to the next."""
 
     @property
-    def replicated(self) -> bool:
+    def is_replicated(self) -> bool:
         """Return whether nothing changed."""
 
     def printed(self) -> "Iterator[Table | str]":
@@ -281,17 +281,17 @@ class Study(ABC, Generic[S]):
         return found if found.rows else None
 
     @abstractmethod
-    def asked(self, run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
+    def manifest_and_space(self, run: Path) -> tuple[RunManifest | EpisodesManifest, AnySpace]:
         """Return the manifest of one run, and the space that reads its replies."""
 
     def reader(self, run: Path) -> DecisionReader:
         """Return what reads the reply of each call of one run, as the run's score does."""
-        return read_in(self.asked(run)[1])
+        return read_in(self.manifest_and_space(run)[1])
 
     def models(self, folder: Path) -> list[str]:
         """Return the SPECs of all models in a folder's runs."""
-        asked = (self.manifest(run).models for run in self.runs(folder).values())
-        return list(dict.fromkeys(spec for models in asked for spec in models))
+        by_run = (self.manifest(run).models for run in self.runs(folder).values())
+        return list(dict.fromkeys(spec for models in by_run for spec in models))
 
     @abstractmethod
     def manifest(self, run: Path) -> RunManifest | EpisodesManifest:
@@ -301,7 +301,7 @@ class Study(ABC, Generic[S]):
         """Return the replies of each model that hold no decision, in all runs of a folder."""
         result: dict[str, tuple[UnreadReply, ...]] = {}
         for name, run in self.runs(folder).items():
-            (manifest, space), read = self.asked(run), self.reader(run)
+            (manifest, space), read = self.manifest_and_space(run), self.reader(run)
             if (run / LEDGER).is_file():
                 with Ledger(run / LEDGER) as ledger:
                     where = f" in {name}" if name else ""

@@ -75,8 +75,8 @@ def read_modes(
         raise SpecError(
             f"{', '.join(given)} would change no model: those with a --mode file are asked as the file says"
         )
-    asked = {spec: mode_of(spec, given) for spec in rest}
-    return RunModes([by_file.get(spec) or asked[spec] for spec in names], frozenset(rest), given)
+    by_option = {spec: mode_of(spec, given) for spec in rest}
+    return RunModes([by_file.get(spec) or by_option[spec] for spec in names], frozenset(rest), given)
 
 
 NOBODY = RunModes((), frozenset(), {})
@@ -98,7 +98,11 @@ class Planner(Generic[P]):
 
 
 def plan_probed(
-    study: Planner[P], asked: RunModes, allowed: RunAllowance, ask: Ask, tell: Callable[[str], None] = lambda _: None
+    study: Planner[P],
+    run_modes: RunModes,
+    allowed: RunAllowance,
+    ask: Ask,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> tuple[P | None, dict[str, str]]:
     """Plan a study, probe the models that need it, and plan again with the modes found.
 
@@ -108,8 +112,8 @@ def plan_probed(
     nothing. Raises SpecError where the limits leave no room for a probe.
     """
     if allowed.moved and not allowed.dry_run:
-        move(study.runs, asked.modes)
-    modes, unprobed = _known(study, asked, allowed)
+        move(study.runs, run_modes.modes)
+    modes, unprobed = _known(study, run_modes, allowed)
     planned = study.plan(modes)
     if not unprobed:
         return planned, {}
@@ -147,15 +151,17 @@ def _found(
     return result
 
 
-def _known(study: Planner[P], asked: RunModes, allowed: RunAllowance) -> tuple[list[RequestMode], list[str]]:
+def _known(study: Planner[P], run_modes: RunModes, allowed: RunAllowance) -> tuple[list[RequestMode], list[str]]:
     """Return the modes, as the runs know them, and the models that must be probed first."""
     from eyechart.probe import is_served  # noqa: PLC0415 - reading the costs of a run needs no probe
 
     modes, unprobed = [], []
-    for mode in asked.modes:
-        before = recorded(study.runs, mode, asked.given, whole=study.whole) if mode.spec in asked.by_option else None
+    for mode in run_modes.modes:
+        before = (
+            recorded(study.runs, mode, run_modes.given, whole=study.whole) if mode.spec in run_modes.by_option else None
+        )
         modes.append(before or mode)
-        if mode.spec in asked.by_option and before is None and is_served(mode) and not allowed.no_probe:
+        if mode.spec in run_modes.by_option and before is None and is_served(mode) and not allowed.no_probe:
             unprobed.append(mode.spec)
     return modes, unprobed
 

@@ -185,10 +185,10 @@ def plan(
             name = f"{Path(prompt).stem if prompt.endswith('.toml') else prompt}{factor.suffix}"
             if name in cells:
                 raise SpecError(f"the cell '{name}' is given twice; give each prompt and setting once")
-            asked = [factor.applied(mode) for mode in modes]
+            applied = [factor.applied(mode) for mode in modes]
             cells[name] = battery.plan(
                 bank_path,
-                asked,
+                applied,
                 out / name,
                 prompt=prompt,
                 conditions=conditions,
@@ -324,8 +324,8 @@ def _of_batteries(scored: Mapping[str, battery.BatteryScore]) -> tuple[CellScore
 
 
 def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> list[CellScore]:
-    asked = [(name, one) for name, one in named if spec in one.models]
-    found = [_statistics(one.models[spec]) for _, one in asked]
+    scored = [(name, one) for name, one in named if spec in one.models]
+    found = [_statistics(one.models[spec]) for _, one in scored]
     corrected = {test: holm([statistics[test].p for statistics in found]) for test in DEPENDENCE}
     return [
         CellScore(
@@ -341,7 +341,7 @@ def _of_model(spec: str, named: Sequence[tuple[str, battery.BatteryScore]]) -> l
             took=one.accounting[spec][ALL],
             guards=one.guards[spec],
         )
-        for place, ((name, one), statistics) in enumerate(zip(asked, found, strict=True))
+        for place, ((name, one), statistics) in enumerate(zip(scored, found, strict=True))
     ]
 
 
@@ -505,7 +505,7 @@ class PromptSensitivity:
     def why_not(self) -> str:
         """Return why it is not shown to look under more prompts; empty if it looks under all."""
         rest = [cell for cell in self.cells if cell not in self.seeing]
-        told = []
+        sentences = []
         for tone in ("partly", "blind", "open"):
             mine = [cell for cell in rest if cell.label.family == tone]
             if not mine:
@@ -513,11 +513,11 @@ class PromptSensitivity:
             least = min(mine, key=lambda cell: 2.0 if (p := cell.holm["mutual_information"]) is None else p)
             p = p_value(least.holm["mutual_information"])
             n = max(cell.statistics["mutual_information"].n for cell in mine)
-            told.append(f"Under {listed([cell.name for cell in mine])} {_WHY[tone].format(p=p, n=n)}.")
+            sentences.append(f"Under {listed([cell.name for cell in mine])} {_WHY[tone].format(p=p, n=n)}.")
         if open_cells := [cell for cell in rest if cell.label.family != "blind"]:
             n = max(open_cell.statistics["mutual_information"].n for open_cell in open_cells)
-            told.append(f"More than {n} frames may show a weaker link.")
-        return " ".join(told)
+            sentences.append(f"More than {n} frames may show a weaker link.")
+        return " ".join(sentences)
 
 
 _MOST_LISTED = 4
@@ -550,13 +550,13 @@ def _sentence(everyone: Mapping[str, PromptSensitivity]) -> str:
     if len(everyone) <= _MOST_LISTED:
         return "; ".join(f"{who}: {sensitivity.label}" for who, sensitivity in everyone.items()) + "."
     tones = [sensitivity.tone for sensitivity in everyone.values()]
-    told = {
+    phrases = {
         "sees": "under every prompt",
         "partly": "under some",
         "blind": "under none",
         "open": "not shown for",
     }
-    parts = [f"{words} {tones.count(tone)}" for tone, words in told.items() if tone in tones]
+    parts = [f"{words} {tones.count(tone)}" for tone, words in phrases.items() if tone in tones]
     return f"Of {len(tones)} models look {'; '.join(parts)}."
 
 
@@ -570,11 +570,11 @@ def _grid(everyone: Mapping[str, PromptSensitivity]) -> "Grid":
         cells = [
             next((cell for cell in sensitivity.cells if cell.name == name), None) for sensitivity in everyone.values()
         ]
-        rows.append((name, [None if cell is None else _told(cell) for cell in cells]))
+        rows.append((name, [None if cell is None else _cell_words(cell) for cell in cells]))
     return Grid("prompt", list(everyone), rows)
 
 
-def _told(cell: CellScore) -> tuple[str, str, str]:
+def _cell_words(cell: CellScore) -> tuple[str, str, str]:
     return cell.label.family, number(cell.statistics["mutual_information"].value, 2), cell.label.says
 
 

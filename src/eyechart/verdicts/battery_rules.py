@@ -81,8 +81,10 @@ def grade(found: NamedStatistics) -> str:
     return "none" if found["depth_observational"].p is None else "observational"
 
 
-def controls_wanted(found: NamedStatistics, *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
-    """Return the controls to ask next, of those ``supplied`` by the bank and not ``asked`` yet.
+def controls_wanted(
+    found: NamedStatistics, *, supplied: Collection[str], conditions_run: Collection[str]
+) -> tuple[str, ...]:
+    """Return the controls to ask next, of those ``supplied`` by the bank and not run yet.
 
     Empty where no control could take a claim away. The statistics alone decide, so that every
     scoring of a run finds the same.
@@ -95,15 +97,15 @@ def controls_wanted(found: NamedStatistics, *, supplied: Collection[str], asked:
         wanted = (NUDGED,)
     elif label in {"presence_only", "refusal_effect", "image_invariant"} or may_be_blind:
         wanted = (ABSENT, AGAIN)
-    if set(STAGE) <= {*supplied, *asked}:
-        if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(asked):
+    if set(STAGE) <= {*supplied, *conditions_run}:
+        if label != "not_scorable" and MOVED.holds(found) and not set(STAGE) <= set(conditions_run):
             wanted = (*STAGE, *FURTHER)
     elif label == "depth_associated" and MOVED.holds(found) and LARGE.holds(found):
         if EXCHANGED.holds(found):
             wanted = (*DOSE, NUDGED)
-        elif set(EXCHANGE) <= set(supplied) and not set(EXCHANGE) <= set(asked):
+        elif set(EXCHANGE) <= set(supplied) and not set(EXCHANGE) <= set(conditions_run):
             wanted = EXCHANGE
-    return tuple(name for name in wanted if name in supplied and name not in asked)
+    return tuple(name for name in wanted if name in supplied and name not in conditions_run)
 
 
 NO_CONTENT = (there("bound_content_shuffled"), p_from("repeats_together", ALPHA))

@@ -78,7 +78,7 @@ VALIDITY = (
 class StoppingPoint:
     """Where a model's verdict was settled before its run ended.
 
-    ``decided_by`` is the first of the claims that the calibrated ``label`` rests on, ``with_it``
+    ``decided_by`` is the first of the claims that the calibrated ``label`` rests on, ``other_claims``
     has the others. ``lateral`` is None where the ordinary lateral rules apply. ``calls`` counts the
     calls up to the stop, ``beyond`` those that were under way then and do not count.
     """
@@ -92,15 +92,15 @@ class StoppingPoint:
     planned: int
     beyond: int = 0
     interventional: bool = False
-    with_it: tuple[str, ...] = ()
+    other_claims: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         counts = to_json_fields(self, "lateral lateral_by frames calls planned saved beyond")
-        return {"rule": self.label, "decided_by": self.decided_by, "with": list(self.with_it), **counts}
+        return {"rule": self.label, "decided_by": self.decided_by, "with": list(self.other_claims), **counts}
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """Return whether its label is judged by the rules of a whole run."""
         return self.label == "depth"
 
@@ -116,12 +116,12 @@ class StoppingPoint:
 
 def early_rules(found: NamedStatistics, stopped: StoppingPoint, *, turns: bool) -> tuple[Ruling, str]:
     """Return the calibrated label of a run that stopped, and how distance was tested."""
-    if stopped.whole:
+    if stopped.is_whole:
         ruling, evidence = calibrated_rules(found, turns=turns)
         return replace(ruling, reason=f"{stopped.words()}: {ruling.reason}", found=ruling.reason), evidence
     evidence = "interventional" if stopped.interventional else "none"
     ruling = _settled(found, stopped.label, stopped.decided_by, stopped.words())
-    return replace(ruling, with_it=stopped.with_it), evidence
+    return replace(ruling, other_claims=stopped.other_claims), evidence
 
 
 def early_lateral(found: NamedStatistics, stopped: StoppingPoint) -> Ruling | None:

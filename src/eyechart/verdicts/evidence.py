@@ -52,7 +52,7 @@ class Evidence:
         return tuple(guard for guard in self.guards if guard.holds is False)
 
     @property
-    def unfinished(self) -> bool:
+    def is_unfinished(self) -> bool:
         """Return whether calls are still to be made; a run that stopped early is complete."""
         return self.stopped is None and (self.part or self.answered < self.planned)
 

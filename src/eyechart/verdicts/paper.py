@@ -105,17 +105,17 @@ def _cut(evidence: Evidence) -> list[str]:
 
 def _refusal(evidence: Evidence) -> list[str]:
     """Point out that outputs depend on the condition, and decisions do not."""
-    found, asked = evidence.statistics, {name: sum(given.values()) for name, given in evidence.replies.items()}
+    found, calls = evidence.statistics, {name: sum(given.values()) for name, given in evidence.replies.items()}
     if found["refusal_effect"].value != 1.0:
         return []
-    missing = {name: asked[name] - evidence.replies[name].get(DECIDED, 0) for name in BATTERY if name in asked}
-    worst = max(missing, key=lambda name: missing[name] / max(asked[name], 1))
+    missing = {name: calls[name] - evidence.replies[name].get(DECIDED, 0) for name in BATTERY if name in calls}
+    worst = max(missing, key=lambda name: missing[name] / max(calls[name], 1))
     if worst == "real" or "real" not in missing:
         return []
     name, symbol = ("cramers_v_real_blank", "V(real, blank)") if worst == "blank" else ("cramers_v", "V")
     tests = (found[name], found[f"{name}.decision"])
     outputs, decisions = (f"{symbol} = {number(test)}{and_p(test)} over" for test in tests)
-    counts = " and ".join(f"{missing[name]} of {asked[name]} to {name}" for name in (worst, "real"))
+    counts = " and ".join(f"{missing[name]} of {calls[name]} to {name}" for name in (worst, "real"))
     says = f"{outputs} outputs, and {decisions} decisions; no decision in {counts}"
     return [f"refusal effect: the picture decides whether it answers, not what it answers: {says}"]
 

@@ -29,9 +29,9 @@ from eyechart.verdicts.share_predicates import (
     MissingConditions,
     ShareStatistics,
     Statistics,
-    asked,
     bounded,
     carrying,
+    condition_run,
     disuse,
     following,
     is_conclusive,
@@ -155,7 +155,7 @@ def _absence(rule: Rule, claim: str, channel: str, shown: str, beside: CameraNam
     yield unless(other, needs=seeds)
     if controls := _controls(claim, channel, (*beside[0], *beside[1])):
         open_ = f"whether other pictures show a use is open: {{forgot:{','.join(controls)}}}"
-        yield unless(open_, *map(asked, controls))
+        yield unless(open_, *map(condition_run, controls))
     for exact in ((compared("noise", "value", "<", LEAST_NOISE),), tuple(map(missing, rests))):
         some = (*exact, compared(bound, "value", ">", OF_DATA_SET))
         yield unless(f"but that is the mean, and {{responding:{bound}}}", needs=some)
@@ -252,7 +252,7 @@ class _CameraRules:
         open_ = f"{self.what} cannot be judged: {{without:swapped@{self.channel}|why_open:{swap}}}"
         rules = (
             undecided(swap, (missing(swap, "value"),), open_),
-            undecided(swap, (), f"{self.shown}; {{forgot:{alike}}}", asked(alike)),
+            undecided(swap, (), f"{self.shown}; {{forgot:{alike}}}", condition_run(alike)),
             *self.unshown(),
             *self.used(self.pose((*use(swap), *disuse(matched)))),
             *self.used(self.content((*use(swap), *use(matched)))),
@@ -312,7 +312,7 @@ class _CameraRules:
         )
         why = f"{{without:{near}|why_open:{beyond}}}{{also:{self.share('exchanged')}}}"
         why = f"{self.seen}; without a picture of its own episode it may read its own pose: {why}"
-        yield undecided(beyond, unseen, why, asked(near))
+        yield undecided(beyond, unseen, why, condition_run(near))
         yield from (undecided(beyond, (*unseen, measured(name)), why) for name in (f"asked.{near}", beyond))
         plain = Rule("camera_content", self.share("matched"), needs, self.seen)
         if self.channel == "cameras":
@@ -408,7 +408,7 @@ def _grounded(content: Rule, seen: str) -> Iterator[Rule]:
         return replace(content, needs=(*content.needs, *needs), why_not=why_not, may_be=may_be, broken=broken)
 
     words = "so whether it is followed is open"
-    yield plain(f"{{{_FORGOT_MOVES}}}, {words}", may=True, broken=tuple(map(asked, _ALL_MOVES)))
+    yield plain(f"{{{_FORGOT_MOVES}}}, {words}", may=True, broken=tuple(map(condition_run, _ALL_MOVES)))
     yield plain(f"the bank moves no object, {words}", missing(_GAIN, "value"), may=True)
     gain = f"followed {{way:{_GAIN}}} of the oracle's way"
     words, away = f"the moved object is {gain}; {{unfollowed:{_GAIN}}}", fail(following(_GAIN, FOLLOWED))
@@ -482,13 +482,13 @@ def _of_state() -> Iterator[Rule]:
 def _of_instruction() -> Iterator[Rule]:
     swap, shown = _HEARS, f"another instruction{{exchanged:{_HEARS}}} changes {{of_action:{_HEARS}}}"
     open_ = f"what it is told cannot be judged: {{forgot:swapped@instruction|why_open:{swap}}}"
-    yield undecided(swap, (), open_, asked("swapped@instruction"))
+    yield undecided(swap, (), open_, condition_run("swapped@instruction"))
     yield undecided(swap, (measured(swap), missing(swap, "value")), open_)
     why = "{without:swapped@instruction|=no two episodes of the bank are told different things}"
     yield Rule("no_power", "", (missing(swap, "value"),), why)
     open_ = f"{shown}; whether it goes to what is named is open: {{{_FORGOT_MOVES}|lost:{_TOLD}}}"
     for known in (use(swap), disuse(swap)):
-        yield undecided(swap, known, open_, *map(asked, _ALL_MOVES))
+        yield undecided(swap, known, open_, *map(condition_run, _ALL_MOVES))
         yield undecided(swap, (*known, lossy(_TOLD)), open_)
     unheard = Rule("instruction_ignored", swap, (*disuse(swap), fail(following(_TOLD, HEARD))), shown)
     yield from _absence(unheard, "responds", "instruction", shown)
@@ -562,12 +562,12 @@ def _count(statistic: Statistic) -> int:
     return round((statistic.value or 0.0) * statistic.n)
 
 
-def of_camera(statistics: Statistics, channel: str, what: str, asked: MissingConditions = EVERYTHING) -> Ruling:
+def of_camera(statistics: Statistics, channel: str, what: str, left_out: MissingConditions = EVERYTHING) -> Ruling:
     """Return the ruling on all cameras together, or on one."""
     head = "swapped@camera:"
     singles = tuple(name.removeprefix("T.swapped@") for name in statistics if name.startswith(f"T.{head}"))
-    others = tuple(name.partition("@")[2] for name in sorted(asked.unasked) if name.startswith(head))
-    sharestatistics = ShareStatistics(statistics, asked)
+    others = tuple(name.partition("@")[2] for name in sorted(left_out.unasked) if name.startswith(head))
+    sharestatistics = ShareStatistics(statistics, left_out)
     sharestatistics.update(_halves(sharestatistics))
     return camera_axis(channel, what, (singles, others)).evaluate(sharestatistics)
 
@@ -581,12 +581,12 @@ def _halves(found: ShareStatistics) -> dict[str, Share]:
     }
 
 
-def of_state(statistics: Statistics, camera: str, *, there: bool, asked: MissingConditions = EVERYTHING) -> Ruling:
+def of_state(statistics: Statistics, camera: str, *, there: bool, left_out: MissingConditions = EVERYTHING) -> Ruling:
     """Return the ruling on the state, where the bank has one; ``camera`` is that of all cameras."""
     blind = camera == "ignores_camera"
-    return STATE.evaluate(ShareStatistics(statistics, asked, has_state=there, ignores_camera=blind))
+    return STATE.evaluate(ShareStatistics(statistics, left_out, has_state=there, ignores_camera=blind))
 
 
-def of_instruction(statistics: Statistics, asked: MissingConditions = EVERYTHING) -> Ruling:
+def of_instruction(statistics: Statistics, left_out: MissingConditions = EVERYTHING) -> Ruling:
     """Return the ruling on the instruction."""
-    return INSTRUCTION.evaluate(ShareStatistics(statistics, asked))
+    return INSTRUCTION.evaluate(ShareStatistics(statistics, left_out))

@@ -36,7 +36,7 @@ from eyechart.verdicts.share_predicates import (
     unknown,
     use,
 )
-from eyechart.verdicts.share_predicates import asked as asked_for
+from eyechart.verdicts.share_predicates import condition_run as asked_for
 
 MISFIT = 1.0
 """From this error on the policy fits the log worse than the mean of the log does."""
@@ -158,14 +158,14 @@ def judge_policy(
     missing: Mapping[str, int] | None = None,
     left: int = 0,
     reads: Sequence[str] = (),
-    asked: MissingConditions = EVERYTHING,
+    left_out: MissingConditions = EVERYTHING,
 ) -> PolicyVerdict:
     """Return the verdict on a policy.
 
     ``channels`` are those of the bank, ``reads`` those that the policy declares to read, if any.
     ``missing`` counts the calls without a motion by reason; ``left`` calls are not finished.
     """
-    known = ShareStatistics(statistics, asked)
+    known = ShareStatistics(statistics, left_out)
     failed = failed_guards(known, missing or {})
     shares = {name: statistics[f"T.swapped@{name}"] for name in channels if f"T.swapped@{name}" in statistics}
     names = [name.partition(":")[2] for name in channels if name.startswith("camera:")]
@@ -176,7 +176,7 @@ def judge_policy(
         nothing = AxisVerdict("undecided", f"a guard failed: {', '.join(failed)}", next(iter(failed)))
     is_judged = not failed and guarded.label == HOLDS
     if "not_scorable" not in failed:  # else it fails on all kinds of pictures
-        remarks += _fails_on(asked.failing, is_judged=is_judged)
+        remarks += _fails_on(left_out.failing, is_judged=is_judged)
     if not is_judged:
         single = dict.fromkeys(names, nothing)
         return PolicyVerdict(model, nothing, single, nothing, nothing, failed, shares, scope, tuple(remarks))
@@ -185,16 +185,16 @@ def judge_policy(
         unread = bool(reads) and not is_read(channel, reads)
         return _reached(ruling, reaching(channel, what).evaluate(known), alone, unread=unread)
 
-    whole = of_camera(statistics, "cameras", "its cameras", asked)
-    rulings = {name: of_camera(statistics, f"camera:{name}", f"the {name} camera", asked) for name in names}
+    whole = of_camera(statistics, "cameras", "its cameras", left_out)
+    rulings = {name: of_camera(statistics, f"camera:{name}", f"the {name} camera", left_out) for name in names}
     ignored = [name for name, ruling in rulings.items() if ruling.label == "ignores_camera" != whole.label]
     single = {
         name: reached(ruling, f"camera:{name}", f"picture of {name}", _alone(name, ignored))
         for name, ruling in rulings.items()
     }
     camera = reached(whole, "cameras", "picture")
-    state = reached(of_state(statistics, camera.label, there="state" in channels, asked=asked), "state", "state")
-    instruction = reached(of_instruction(statistics, asked), "instruction", "instruction")
+    state = reached(of_state(statistics, camera.label, there="state" in channels, left_out=left_out), "state", "state")
+    instruction = reached(of_instruction(statistics, left_out), "instruction", "instruction")
     remarks += [*_left_out(statistics["motions"], missing or {}), *_remarks(known, camera.label)]
     misfit = statistics["misfit"].value
     return PolicyVerdict(

@@ -13,7 +13,7 @@ from eyechart.stats.statistic import Statistic
 class Ruling:
     """A label with the name of the statistic that decided it, and the reason.
 
-    ``statistic`` is that statistic, None if there was nothing to measure. ``with_it`` names other
+    ``statistic`` is that statistic, None if there was nothing to measure. ``other_claims`` names other
     e-values that settled the label. ``why_not``, ``may_be`` and ``bound`` are those of its rule.
     ``found`` is the reason alone, where ``reason`` also says how the run ended.
     """
@@ -22,7 +22,7 @@ class Ruling:
     decided_by: str
     reason: str
     statistic: Statistic | None = None
-    with_it: tuple[str, ...] = ()
+    other_claims: tuple[str, ...] = ()
     why_not: str = ""
     may_be: str = ""
     bound: Statistic | None = None
@@ -34,7 +34,7 @@ class Ruling:
         one = self.statistic
         if isinstance(one, EValue):
             settled = f"{self.decided_by} = {one.value:.4g}, at least {one.threshold:g}, after {one.n} frames"
-            so_are = f"; settled too: {', '.join(self.with_it)}" if self.with_it else ""
+            so_are = f"; settled too: {', '.join(self.other_claims)}" if self.other_claims else ""
             return f"{self.reason}: settled by {settled}{so_are}"
         return self.reason if one is None else f"{self.reason}: {measured(self.decided_by, one)}"
 
@@ -84,11 +84,11 @@ def card(name: str, answer: str, label: str, says: str, rows: Mapping[str, str],
         for row, text in rows.items()
     )
     fine = "".join(f'<p style="{_SOFT};margin:.4em 0 0">{escape(line)}</p>' for line in small)
-    told = f'<p style="margin:.3em 0 .6em">{escape(says)}</p>' if says else ""
+    paragraph = f'<p style="margin:.3em 0 .6em">{escape(says)}</p>' if says else ""
     return (
         f'<div style="{_CARD}"><p style="{_SOFT};margin:0">{escape(name)}</p>'
         f'<p style="font-size:1.5em;font-weight:650;line-height:1.3;margin:0">{escape(answer)}'
-        f' <span style="{_LABEL}">{escape(label)}</span></p>{told}'
+        f' <span style="{_LABEL}">{escape(label)}</span></p>{paragraph}'
         f'<table style="border-collapse:collapse;border:0;margin:0;font-size:1em"><tbody>{facts}</tbody></table>'
         f"{fine}</div>"
     )

@@ -75,18 +75,18 @@ class ShareStatistics(dict[str, Share]):
     A statistic that is missing has an n of -1, and no other number.
     """
 
-    def __init__(self, statistics: Statistics, asked: MissingConditions = EVERYTHING, **facts: bool) -> None:
+    def __init__(self, statistics: Statistics, left_out: MissingConditions = EVERYTHING, **facts: bool) -> None:
         super().__init__(
             {name: as_read(name, statistic) for name, statistic in statistics.items()}
-            | {f"asked.{name}": Share(None, 0, note=why) for name, why in asked.lacking.items()}
-            | {f"asked.{name}": Share(0.0, 0, note=f"the run did not ask {name}") for name in asked.unasked}
+            | {f"asked.{name}": Share(None, 0, note=why) for name, why in left_out.lacking.items()}
+            | {f"asked.{name}": Share(0.0, 0, note=f"the run did not ask {name}") for name in left_out.unasked}
             | {
                 f"asked.{name}": Share(empty / calls, calls, note=fails(name, empty, calls))
-                for name, (empty, calls) in asked.failing.items()
+                for name, (empty, calls) in left_out.failing.items()
             }
             | {name: Share(float(holds), 1) for name, holds in facts.items()}
         )
-        self.bank = shlex.quote(asked.bank)
+        self.bank = shlex.quote(left_out.bank)
 
     def __missing__(self, name: str) -> Share:
         return _kind(name)(None, -1)
@@ -199,7 +199,7 @@ def measured(name: str, *, holds: bool = True) -> Clause:
     return Clause(name, (Reading("n", ">=" if holds else "<", 0.0),))
 
 
-def asked(condition: str) -> Clause:
+def condition_run(condition: str) -> Clause:
     """Return the condition that the run did not leave out a condition of its bank."""
     return Clause(f"asked.{condition}", (Reading("value", "missing"),))
 

@@ -20,7 +20,7 @@ from eyechart.verdicts.numbers import FIRST, DepthNumber, numbers_of
 from eyechart.verdicts.paper import findings, paper_rules
 from eyechart.verdicts.rules import NamedStatistics
 from eyechart.verdicts.ruling import Ruling, card, measured, number
-from eyechart.verdicts.why_not import MOVED, WhyNot, below, why_not
+from eyechart.verdicts.why_not import MOVED, WhyNot, is_below, why_not
 
 _ASKED = {
     "controlled": "intervention, with controls: the lead vehicle near and far, and exchanged with a neighbour",
@@ -204,7 +204,7 @@ def judge_one(evidence: Evidence) -> Verdict:
     rules = calibrated_rules if stopped is None else partial(early_rules, stopped=stopped)
     calibrated, asked_by = rules(found, turns=turns)
     beware = _beware(calibrated.label, lateral, found["turns_clear"])
-    whole = stopped is None or stopped.whole
+    whole = stopped is None or stopped.is_whole
     by_distance = whole and is_drawn(found) and calibrated.label in _BY_DISTANCE
     not_excluded = tuple(open_kinds(found)) if by_distance else ()
     return Verdict(
@@ -219,7 +219,7 @@ def judge_one(evidence: Evidence) -> Verdict:
         failed=evidence.failed,
         stopped=stopped,
         why_not=why_not(evidence, calibrated, lateral),
-        unfinished=(evidence.answered, evidence.planned) if evidence.unfinished else None,
+        unfinished=(evidence.answered, evidence.planned) if evidence.is_unfinished else None,
         beware=beware,
         holes=holes(found) if by_distance else (),
         open_to=not_excluded,
@@ -250,12 +250,12 @@ def _beware(label: str, lateral: Ruling, clear: Statistic) -> str:
     """Return in words that a model turns to the blocked side; empty where it was not shown to."""
     if not isinstance(clear, SignTest) or (label == "depth_lateral" and lateral.label == "turns_clear"):
         return ""
-    if _turns_blocked(clear) or lateral.decided_by == "turns_against":
+    if _has_blocked_turns(clear) or lateral.decided_by == "turns_against":
         return f"{clear.losses} of its {clear.n} turns with one clear side go to the blocked side"
     return ""
 
 
-def _turns_blocked(clear: SignTest) -> bool:
+def _has_blocked_turns(clear: SignTest) -> bool:
     return clear.ci is not None and clear.ci[1] < 1 / 2
 
 
@@ -291,7 +291,7 @@ def notes(evidence: Evidence, label: str = "") -> tuple[str, ...]:
     if stopped is not None:
         ended = f"; {stopped.beyond} ended after the stop and do not count" if stopped.beyond else ""
         said.append(f"{stopped.words()}, after {stopped.frames} frames; {stopped.saved} calls saved{ended}")
-    elif evidence.unfinished:
+    elif evidence.is_unfinished:
         words = unfinished(evidence.answered, evidence.planned, "planned calls are finished", part=True)
         if evidence.part:
             words += "; a shard asks no controls: merge the shards, and resume the merged run"
@@ -331,9 +331,9 @@ def _before(found: NamedStatistics, label: str) -> list[str]:
         return []
     moved, gaps = (found[f"depth_{name}"] for name in ("interventional", "observational"))
     early = label == "depth_associated" and moved.p is None and f"{PREFIX}near_far" in found
-    if below(moved.p) or early:
+    if is_below(moved.p) or early:
         how = "braking harder for the nearer lead was enough, and nothing else was moved as a control"
-    elif moved.p is None and below(gaps.p):
+    elif moved.p is None and is_below(gaps.p):
         how = "braking that goes with the gaps of frames was enough"
     else:
         return []
@@ -345,9 +345,9 @@ def _untested(evidence: Evidence, label: str) -> list[str]:
     found, said = evidence.statistics, list[str]()
     if found["depth_interventional"].p is None and found["depth_observational"].p is None:
         said.append(f"whether it follows the gap was not tested: {found['depth_observational'].note}")
-        asked = {name: evidence.replies[name] for name in ("real", *MOVED) if evidence.replies.get(name)}
-        silent = [name for name, replies in asked.items() if not replies.get(DECIDED)]
-        if silent and any(name in asked for name in MOVED):
+        tallies = {name: evidence.replies[name] for name in ("real", *MOVED) if evidence.replies.get(name)}
+        silent = [name for name, replies in tallies.items() if not replies.get(DECIDED)]
+        if silent and any(name in tallies for name in MOVED):
             said.append(f"decisions on {', '.join(silent)} would test it")
         elif evidence.gap:
             need = episodes_needed(evidence.scenarios, alpha=ALPHA)
@@ -372,7 +372,7 @@ def _turns(found: NamedStatistics) -> Iterator[str]:
     clear, boxed = found["turns_clear"], found["turns_boxed"]
     if isinstance(clear, SignTest):
         counts = f"{clear.losses} of {clear.n} turns with exactly one clear side"
-        if _turns_blocked(clear):
+        if _has_blocked_turns(clear):
             yield f"it turns to the blocked side: {counts}"
         elif clear.losses:
             yield f"{counts} go to the blocked side"

@@ -83,7 +83,7 @@ class WhyNot:
         return f"what would settle it: {self.settle}"
 
 
-def below(p: float | None, alpha: float = ALPHA) -> bool:
+def is_below(p: float | None, alpha: float = ALPHA) -> bool:
     """Return whether a test was made and rejects."""
     return p is not None and p < alpha
 
@@ -93,7 +93,7 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
     found, label, name = evidence.statistics, ruling.label, ruling.decided_by
     if label == "depth":
         return _not_lateral(found, lateral)
-    if evidence.stopped is not None and not evidence.stopped.whole:
+    if evidence.stopped is not None and not evidence.stopped.is_whole:
         return _stopped(evidence, label) if label in _EARLY else None
     made: dict[str, Callable[[], WhyNot]] = {
         "not_scorable": lambda: WhyNot(ANY, name, ruling.statistic, f"at most {UNPARSED_CUT}", _DECISIONS),
@@ -170,7 +170,7 @@ def _not_lateral(found: NamedStatistics, lateral: Ruling) -> WhyNot:
 
 def _not_clear(found: NamedStatistics, lateral: Ruling) -> WhyNot:
     """Say which test does not hold of turns that are exchanged."""
-    name = next((name for name in ("turns_clear", "turns_clear_within") if not below(found[name].p)), "")
+    name = next((name for name in ("turns_clear", "turns_clear_within") if not is_below(found[name].p)), "")
     if lateral.decided_by == "turns_against" or not name:
         return WhyNot("depth_lateral", lateral.decided_by, lateral.statistic, f"at most {MARGIN}", NOTHING)
     why = _by_test("depth_lateral", name, found)
@@ -190,17 +190,17 @@ def _turns_needed(swap: Statistic) -> str:
 
 def _not_depth(evidence: Evidence) -> WhyNot:
     """Say what was not shown of a model that brakes harder for the nearer lead."""
-    found, asked, name = evidence.statistics, evidence.replies, "depth_interventional"
+    found, replies, name = evidence.statistics, evidence.replies, "depth_interventional"
     if found[name].p is None:
         settle = f"decisions on more of its pictures: {found[name].note}"
-        if all(asked.get(moved) for moved in MOVED):
+        if all(replies.get(moved) for moved in MOVED):
             settle = f"decisions on {', '.join(MOVED)}: {found[name].note}"
-        elif missing := tuple(one for one in (*MOVED, *STAGE) if one not in asked):
+        elif missing := tuple(one for one in (*MOVED, *STAGE) if one not in replies):
             return _by_pictures("depth", name, evidence, missing, "an answer")
         return WhyNot("depth", name, found[name], "an answer", settle)
     clause = next(one for one in UNSHOWN if one.holds(found) is not True)
     one = clause.read(found)
-    missing = tuple(name for name in clause.conditions if name not in asked)
+    missing = tuple(name for name in clause.conditions if name not in replies)
     if clause.outcome(found) is None and missing:
         return _by_pictures("depth", clause.statistic, evidence, missing, "an answer")
     settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"
@@ -245,7 +245,7 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     if is_refuted(statistics):
         return _by_clause("depth", next(one for one in REFUTING if one.holds(statistics) is False), statistics, NOTHING)
     first = observational if interventional.p is None else interventional
-    if below(first.p):
+    if is_below(first.p):
         return _by_file("depth", statistics)
     if interventional.p is not None:
         return _by_test("depth", "depth_interventional", statistics)
@@ -265,7 +265,7 @@ def _undecided(found: NamedStatistics, name: str, statistic: Statistic | None) -
         return _by_file("content", found)
     if name == "repeats_together":
         return _by_test("content", "content_shuffled", found)
-    label = "presence_only" if below(found["presence"].p) else "image_invariant"
+    label = "presence_only" if is_below(found["presence"].p) else "image_invariant"
     if statistic is None and name.startswith("bound_"):
         conditions = ("shuffled" if name == "bound_content_shuffled" else "blank",)
         settle = f"decisions on {', '.join(('real', 'real_repeat', *conditions))}"

@@ -40,20 +40,20 @@ class Null:
     draw: Draw
 
 
-def ever_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bool:
+def has_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bool:
     """Draw answers under a null; return whether its claim is ever settled in random frame order."""
     columns = {**_steady(frames), **null.draw(frames, rng)}
     one = claims(len(frames), DRIVING, columns, mirrored=True)[null.claim]
     order = list(range(len(frames)))
     rng.shuffle(order)
     for place in order:
-        if one.settled:
+        if one.is_settled:
             break
         given = {name: column[place] for name, column in columns.items()}
         one.add(
             FrameAnswers({name: Decision(a) if a else Decision(None, "refused") for name, a in given.items()}, DRIVING)
         )
-    return one.settled
+    return one.is_settled
 
 
 def _steady(frames: Sequence[Frame]) -> Columns:
@@ -211,7 +211,7 @@ NULLS: tuple[Null, ...] = (
 
 def count_rejections(frames: Sequence[Frame], rng: random.Random) -> list[int]:
     """Return the number of rejections of each of `NULLS` in `DRAWS` draws."""
-    return [sum(ever_rejected(null, frames, rng) for _ in range(DRAWS)) for null in NULLS]
+    return [sum(has_rejected(null, frames, rng) for _ in range(DRAWS)) for null in NULLS]
 
 
 MEASURED = ("default", "unequal", "ordered", "frames_96", "frames_288")
@@ -254,14 +254,14 @@ def stop_early(
 ) -> EarlyStopOutcome:
     """Follow a controller's answers until they settle; compare with the full battery's labels."""
     answers, given = sampled(answers, seed), dict[tuple[str, str], Decision[str]]()
-    asked: dict[str, list[str]] = {frame.id: [] for frame in answers.frames}
+    conditions: dict[str, list[str]] = {frame.id: [] for frame in answers.frames}
     for name, column in answers.decisions.items():
         if counterfactuals or name not in {*COUNTERFACTUALS, *CONTROLS}:
             for frame, one in zip(answers.frames, column, strict=True):
                 if one is not None:
                     given[frame.id, name] = one
-                    asked[frame.id].append(name)
-    by_frame = {frame: tuple(names) for frame, names in asked.items()}
+                    conditions[frame.id].append(name)
+    by_frame = {frame: tuple(names) for frame, names in conditions.items()}
     layout = layout_of(answers.frames, by_frame, DRIVING, seed)
     course = StoppingState(replace(layout, whole=WholeRun(answers.gap, seed=seed)))
     course.advance(given)

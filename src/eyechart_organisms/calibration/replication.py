@@ -187,9 +187,9 @@ def try_adversaries(task: Task) -> list[AdversaryTrial]:
         known = KnownController(name, adversary.says, by_sight(adversary.decide), "", "", "")
         rng = random.Random(key_seed(*key, name))  # noqa: S311 - no secret
         answers = answers_of(known, SETTINGS[task.setting], world, rng)
-        asked = staged(answers, how)
-        statistics = statistics_of(asked, how)
-        lateral = verdicts.lateral_rules(statistics, asked.directions())
+        staged_answers = staged(answers, how)
+        statistics = statistics_of(staged_answers, how)
+        lateral = verdicts.lateral_rules(statistics, staged_answers.directions())
         turns = verdicts.earns_lateral(statistics, lateral.label)
         label = verdicts.calibrated_rules(statistics, turns=turns)[0].label
         result.append(AdversaryTrial(name, label, lateral.label))
@@ -203,7 +203,7 @@ def staged(answers: Answers, how: Resampling) -> Answers:
     while True:
         part = replace(answers, decisions={name: answers.decisions[name] for name in decisions})
         statistics = LazyStatistics(CalibratedTests(part, how).tests())
-        more = verdicts.controls_wanted(statistics, supplied=CONTROLS, asked=decisions)
+        more = verdicts.controls_wanted(statistics, supplied=CONTROLS, conditions_run=decisions)
         if not more:
             return part
         decisions += [name for name in more if name in answers.decisions]
@@ -270,7 +270,7 @@ def _outcome(
             counterfactuals=counterfactuals,
             exchanges=setting.exchanges,
             scenarios=len(set(answers.scenarios.tolist())),
-            varied=_varied(answers, counterfactuals=counterfactuals),
+            varied=_has_varied(answers, counterfactuals=counterfactuals),
         )
         statistics = found if counterfactuals else without_counterfactuals(answers, found)
         label = verdicts.calibrated_rules(statistics, turns=verdicts.earns_lateral(statistics, lateral))[0].label
@@ -288,7 +288,7 @@ def _outcome(
     )
 
 
-def _varied(answers: Answers, *, counterfactuals: bool) -> bool:
+def _has_varied(answers: Answers, *, counterfactuals: bool) -> bool:
     """Return whether a controller gave more than one answer over all conditions of a bank."""
     first = answers.responses("real")[0]
     drawn = (*COUNTERFACTUALS, *CONTROLS)

@@ -86,7 +86,7 @@ class HuggingFaceModel:
         preparing, generating = self._threads
         busy: asyncio.Task[None] | None = None
         try:
-            while self._waiting or not _over(busy):
+            while self._waiting or not _is_over(busy):
                 await self._gather(busy)
                 batch = self._next_batch()
                 if batch:
@@ -112,7 +112,7 @@ class HuggingFaceModel:
     async def _gather(self, busy: asyncio.Task[None] | None) -> None:
         """Wait for a full batch while another one is generated, then while queries arrive."""
         seen = 0
-        while len(self._waiting) < self._batch and (not _over(busy) or seen < len(self._waiting)):
+        while len(self._waiting) < self._batch and (not _is_over(busy) or seen < len(self._waiting)):
             seen = len(self._waiting)
             await asyncio.sleep(_LINGER_S)
 
@@ -125,7 +125,7 @@ class HuggingFaceModel:
         return batch
 
 
-def _over(task: asyncio.Task[None] | None) -> bool:
+def _is_over(task: asyncio.Task[None] | None) -> bool:
     return task is None or task.done()
 
 

@@ -94,7 +94,7 @@ class TextGenerator:
             self._model = (model if placed else model.to(how.device)).eval()
         except Exception as error:  # noqa: BLE001 - any fault of a checkpoint is a row too
             line = first_line(error)
-            if _out_of_memory(error):
+            if _is_out_of_memory(error):
                 line = f"out of memory: {SMALLER}, or free memory that other programs hold ({line})"
             detail = f"the weights of '{checkpoint.place}' cannot be loaded: {line}"
             self._broken = Reply(error="missing_model", error_detail=detail)
@@ -113,10 +113,10 @@ class TextGenerator:
         except Exception as error:  # noqa: BLE001 - any fault of a query is a row too
             if len(queries) == 1:
                 line = first_line(error)
-                if _out_of_memory(error):
+                if _is_out_of_memory(error):
                     line = f"out of memory with one query: take a smaller dtype or another device ({line})"
                 return [Reply(error="exception", error_detail=line)]
-            if _out_of_memory(error):
+            if _is_out_of_memory(error):
                 self._most = min(self._most, max(1, len(queries) // 2))
         middle = len(queries) // 2
         return [reply for half in (queries[:middle], queries[middle:]) for reply in self._answer(half, None)]
@@ -234,7 +234,7 @@ def _draws(own: Any, temperature: float, seeds: Sequence[int]) -> list[Any]:  # 
     return [*steps, SeededDraw(seeds)]
 
 
-def _out_of_memory(error: Exception) -> bool:
+def _is_out_of_memory(error: Exception) -> bool:
     import torch  # noqa: PLC0415  (an extra)
 
     return isinstance(error, torch.OutOfMemoryError | MemoryError) or "can't allocate memory" in str(error)

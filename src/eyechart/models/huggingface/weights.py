@@ -172,8 +172,8 @@ def choose_loading(mode: RequestMode, config: Mapping[str, Any]) -> LoadSettings
     if spread or stored:
         _require_installed(spec, f"device_map={spread}" if spread else f"a checkpoint packed by {stored}", "accelerate")
     device = _choose_device(str(options.get("device", "auto")), spec)
-    asked = str(options.get("dtype", _INT8_DTYPE if bits == 8 else "auto"))
-    dtype = _choose_dtype(asked, device, config, spec)
+    dtype_name = str(options.get("dtype", _INT8_DTYPE if bits == 8 else "auto"))
+    dtype = _choose_dtype(dtype_name, device, config, spec)
     return LoadSettings(device, dtype, spread, None if bits is None else int(bits), stored)
 
 
@@ -196,13 +196,13 @@ def _stored(config: Mapping[str, Any]) -> str:
     return str(found.get("quant_method") or "a method that its configuration does not name") if found else ""
 
 
-def _require_installed(spec: str, asked: str, *packages: str) -> None:
+def _require_installed(spec: str, option: str, *packages: str) -> None:
     """Raise SpecError for the first missing package."""
     for package in packages:
         try:
             version(package)
         except PackageNotFoundError as error:
-            raise SpecError(f"'{spec}': {asked} needs {package}: pip install {package}") from error
+            raise SpecError(f"'{spec}': {option} needs {package}: pip install {package}") from error
 
 
 def _choose_device(wanted: str, spec: str) -> str:

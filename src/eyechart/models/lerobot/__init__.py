@@ -159,13 +159,13 @@ class LeRobotPolicy:
             if self._process is not None:
                 return
             self._process = PolicyProcess(self.python)
-            asked = {
+            request = {
                 "folder": str(self.checkpoint.folder.resolve()),
                 "device": self.device,
                 "window": self.checkpoint.type.window,
                 "moves": any(one.registry_name == "device_processor" for one in self.checkpoint.before.steps),
             }
-            answer, _ = self._process.exchange({"load": asked})
+            answer, _ = self._process.exchange({"load": request})
             if "failed" in answer:
                 words = printable(without_secrets(str(answer["failed"])))
                 self._refused = f"the checkpoint {self.checkpoint.folder} cannot be loaded: {words}"

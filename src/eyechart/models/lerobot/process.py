@@ -69,39 +69,39 @@ def versions() -> Header:
 class LoadedPolicy:
     """A policy with its processors, as a checkpoint's folder holds them.
 
-    ``asked`` has the ``folder``, the ``device`` ("" for the checkpoint's own), ``window`` (how the
+    ``request`` has the ``folder``, the ``device`` ("" for the checkpoint's own), ``window`` (how the
     policy takes several instants) and ``moves`` (whether a processor moves the inputs). Raises the
     errors of LeRobot, and ValueError where a normalisation lacks its statistics.
     """
 
-    def __init__(self, asked: Header) -> None:
+    def __init__(self, request: Header) -> None:
         import torch  # noqa: PLC0415 - only the other Python has it
         from lerobot.configs import PreTrainedConfig  # noqa: PLC0415
         from lerobot.policies.factory import get_policy_class, make_pre_post_processors  # noqa: PLC0415
 
-        folder = str(asked["folder"])
+        folder = str(request["folder"])
         config = PreTrainedConfig.from_pretrained(folder, local_files_only=True)
-        if asked["device"]:
-            config.device = str(asked["device"])
+        if request["device"]:
+            config.device = str(request["device"])
         if "pretrained_backbone_weights" in vars(config):
             config.pretrained_backbone_weights = None  # the checkpoint has its own: nothing is fetched
         kind = get_policy_class(config.type)
         self.policy = kind.from_pretrained(folder, config=config, local_files_only=True, strict=True)
-        moved = {"device_processor": {"device": config.device}} if asked["moves"] else {}
+        moved = {"device_processor": {"device": config.device}} if request["moves"] else {}
         self.before, self.after = make_pre_post_processors(config, pretrained_path=folder, preprocessor_overrides=moved)
         for step in (*self.before.steps, *self.after.steps):
             _require_statistics(step)
         self.torch, self.config, self._seed = torch, config, 0
-        self.chunk: Callable[[Sequence[Batch]], Any] = _WAYS[asked["window"]](self)
+        self.chunk: Callable[[Sequence[Batch]], Any] = _WAYS[request["window"]](self)
 
-    def answer(self, asked: Header, raw: bytes) -> tuple[Header, bytes]:
+    def answer(self, request: Header, raw: bytes) -> tuple[Header, bytes]:
         """Return a chunk of actions in the units of the data set, shape (steps, dimensions)."""
-        self._seed = int(asked["seed"])
+        self._seed = int(request["seed"])
         self.seed()
         for one in (self.policy, self.before, self.after):
             one.reset()
         with self.torch.no_grad():
-            given = [self.before(self._batch(one, asked["task"])) for one in _instants(asked["instants"], raw)]
+            given = [self.before(self._batch(one, request["task"])) for one in _instants(request["instants"], raw)]
             chunk = self.after(self.chunk([_without_action(one) for one in given]))
         array = np.ascontiguousarray(chunk[0].float().cpu().numpy(), "<f4")
         return {"shape": array.shape}, array.tobytes()

@@ -109,7 +109,7 @@ def _exchange_at(
                 "exchange_beside": (far_m, beside_m),
                 "exchange_apart": (far_m, its_far_m),
             }
-            ways = all(_way_is_free(world, lead, x + gap_m) for gap_m in (own_m, far_m))
+            ways = all(_is_way_free(world, lead, x + gap_m) for gap_m in (own_m, far_m))
             if ways and all(_has_room(world, other, x + ahead) for ahead in (its_far_m, beside_m)):
                 pictures = _draw_placed(world, camera, lead, other, wanted)
                 if len(pictures) == len(wanted):
@@ -142,23 +142,23 @@ def _draw_with_lead_at(world: World, camera: StockCamera, gap_m: float) -> RGB |
     if lead is None:
         return None
     x = float(world.vehicle.position[0]) + gap_m
-    if not _way_is_free(world, lead, x):
+    if not _is_way_free(world, lead, x):
         return None
     with moved(lead, x):
         return camera.draw() if find_lead(world) is lead else None
 
 
-def _way_is_free(world: World, lead: Vehicle, x: float) -> bool:
+def _is_way_free(world: World, lead: Vehicle, x: float) -> bool:
     reach = _CAR_M + _BUMPER_M
     low, high = sorted((float(lead.position[0]), x))
     return not any(
-        low - reach < vehicle.position[0] < high + reach and _side_by_side(vehicle, lead)
+        low - reach < vehicle.position[0] < high + reach and _are_side_by_side(vehicle, lead)
         for vehicle in others(world)
         if vehicle is not lead
     )
 
 
-def _side_by_side(vehicle: Vehicle, other: Vehicle) -> bool:
+def _are_side_by_side(vehicle: Vehicle, other: Vehicle) -> bool:
     """Return whether two vehicles would meet if one of them were moved along the road."""
     return bool(abs(vehicle.position[1] - other.position[1]) < LANE_M - _BUMPER_M)
 
@@ -183,7 +183,7 @@ def _has_room(world: World, vehicle: Vehicle, x: float) -> bool:
     """Return whether a vehicle at this place would stand on the road and touch no other."""
     place = np.array([x, vehicle.position[1]])
     return any(lane.on_lane(place) for lane in world.road.network.lanes_list()) and not any(
-        abs(one.position[0] - x) < _CAR_M + _BUMPER_M and _side_by_side(one, vehicle)
+        abs(one.position[0] - x) < _CAR_M + _BUMPER_M and _are_side_by_side(one, vehicle)
         for one in others(world)
         if one is not vehicle
     )

@@ -83,11 +83,11 @@ def read_truth(world: World) -> dict[str, Scalar]:
         "lanes": len(world.road.network.graph[start][end]),
         "speed_mps": float(ego.speed),
         "crashed": bool(ego.crashed),
-        "vehicles_in_view": sum(_in_view(ego, vehicle) for vehicle in others(world)),
+        "vehicles_in_view": sum(_is_in_view(ego, vehicle) for vehicle in others(world)),
         "ego_x_m": float(ego.position[0]),
     }
 
 
-def _in_view(ego: Vehicle, vehicle: Vehicle) -> bool:
+def _is_in_view(ego: Vehicle, vehicle: Vehicle) -> bool:
     aside = abs(vehicle.position[1] - ego.position[1])
     return bool(-VIEW_BEHIND_M <= gap_to(ego, vehicle) < VIEW_AHEAD_M and aside < VIEW_ASIDE_M)

@@ -181,7 +181,7 @@ def _draw_with_lead_at(world: AnyWorld, gap_m: float) -> RGB | None:
         return None
     moved = _at_gap(world, lead, gap_m)
     others = [obstacle for obstacle in world.layout.obstacles if obstacle is not lead]
-    if any(_overlap(moved, obstacle) for obstacle in others):
+    if any(_overlaps(moved, obstacle) for obstacle in others):
         return None
     return draw(_with(world, moved, *others))
 
@@ -217,7 +217,7 @@ def _lean_from(world: AnyWorld, lead: Obstacle, y: float, rng: np.random.Generat
 def _is_exchanged(world: AnyWorld, lead: Obstacle, beside: Obstacle) -> bool:
     """Return whether the lead leads, the other is off the own track, and both are visible."""
     column = world.view.project(eye_of(world), (beside.x, beside.y))[0, 0]
-    apart = not blocks(world, beside, world.track) and _stand_apart(world.layout.obstacles)
+    apart = not blocks(world, beside, world.track) and _are_apart(world.layout.obstacles)
     in_picture = 0 < column < world.view.width and _are_seen(world, (lead, beside))
     return bool(apart and in_picture and find_lead(world) is lead)
 
@@ -232,7 +232,7 @@ def _set_up(vehicle: Vehicle, scenario: str, wish: MomentSpec, rng: np.random.Ge
         needed = [_lead(x, track, wish, rng), *_sides(x, track, wish, rng)]
         layout = Layout(scenario, (*needed, *_surroundings(scenario, x, track, rng)))
         world = vehicle.place(layout, (x, y, yaw), speed, track)
-        if _holds(world, wish) and _stand_apart(world.layout.obstacles) and _are_seen(world, needed):
+        if _holds(world, wish) and _are_apart(world.layout.obstacles) and _are_seen(world, needed):
             return world
     raise BankError(f"no moment with a gap of {wish.gap_m:.1f} m could be staged; use another seed")
 
@@ -275,13 +275,13 @@ def _surroundings(scenario: str, x: float, track: int, rng: np.random.Generator)
     return obstacles
 
 
-def _overlap(obstacle: Obstacle, other: Obstacle) -> bool:
+def _overlaps(obstacle: Obstacle, other: Obstacle) -> bool:
     return math.hypot(obstacle.x - other.x, obstacle.y - other.y) < obstacle.radius + other.radius + _CLEARANCE_M
 
 
-def _stand_apart(obstacles: Sequence[Obstacle]) -> bool:
+def _are_apart(obstacles: Sequence[Obstacle]) -> bool:
     """Return whether no two obstacles touch."""
-    return not any(_overlap(obstacle, other) for n, obstacle in enumerate(obstacles) for other in obstacles[:n])
+    return not any(_overlaps(obstacle, other) for n, obstacle in enumerate(obstacles) for other in obstacles[:n])
 
 
 def _are_seen(world: AnyWorld, needed: Sequence[Obstacle]) -> bool:

@@ -75,11 +75,11 @@ def unseen_sides(world: AnyWorld) -> frozenset[str]:
         for side, track in sides.items()
         if 0 <= track < len(TRACKS_M)
         and (closing := _closing(world, track))
-        and not any(_in_picture(world, obstacle, track) for obstacle in closing)
+        and not any(_is_in_picture(world, obstacle, track) for obstacle in closing)
     )
 
 
-def _in_picture(world: AnyWorld, obstacle: Obstacle, track: int) -> bool:
+def _is_in_picture(world: AnyWorld, obstacle: Obstacle, track: int) -> bool:
     """Return whether the camera shows any part of an obstacle inside a track's corridor.
 
     Such a part is a point of its foot that faces the camera, and lies in the corridor and in the

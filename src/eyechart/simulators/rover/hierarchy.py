@@ -119,17 +119,17 @@ class MpcDrive(RoadDrive[RoverWorld]):
         position across the road and yaw, in m and rad.
         """
         self._before, self._last, self._halts = self.world, action, False
-        return self._told(super().step(action))
+        return self._with_facts(super().step(action))
 
     def halt(self) -> StepResult:
         """Stop for a second in every arm; a decided STOP keeps the lateral arm's cruise speed."""
         self._before, self._last, self._halts = self.world, "STOP", True
-        return self._told(super().step("STOP"))
+        return self._with_facts(super().step("STOP"))
 
-    def _told(self, moved: StepResult) -> StepResult:
+    def _with_facts(self, moved: StepResult) -> StepResult:
         failed = sum(not plan.solved for plan in self.plans)
-        told = {"plans": len(self.plans), "solver_failures": failed, "solver_flag": self.plans[-1].flag}
-        return replace(moved, facts={**told, "y_m": self.world.state.y, "yaw": self.world.state.yaw})
+        facts = {"plans": len(self.plans), "solver_failures": failed, "solver_flag": self.plans[-1].flag}
+        return replace(moved, facts={**facts, "y_m": self.world.state.y, "yaw": self.world.state.yaw})
 
     def sketch(self) -> Sketch:
         """Return the last decision's first plan, its target and the path that was driven.

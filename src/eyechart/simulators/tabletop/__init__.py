@@ -66,7 +66,7 @@ class Tabletop(BankMaker):
 
     def open_preset(self, name: str) -> Preset:
         """Return the contents of a preset's banks."""
-        told = (*_TOOL, *_TARGET) if name == "privileged" else _TOOL
+        state = (*_TOOL, *_TARGET) if name == "privileged" else _TOOL
         return Preset(
             _SCENARIOS,
             by_dozens(partial(_moments, name)),
@@ -74,7 +74,7 @@ class Tabletop(BankMaker):
             cameras=tuple(Camera(camera, "horizontal") for camera in CAMERAS),
             prompt_columns=(INSTRUCTION,),
             state=(STATE,),
-            motion=MotionSpace("reach", _DIMENSIONS, HORIZON, "delta", state=told, mirrored=True),
+            motion=MotionSpace("reach", _DIMENSIONS, HORIZON, "delta", state=state, mirrored=True),
         )
 
     def versions(self) -> dict[str, str]:
@@ -140,8 +140,8 @@ def _truth(table: Workspace, way: dict[Object, np.ndarray]) -> dict[str, Scalar]
     result: dict[str, Scalar] = {"named": table.named}
     result |= {f"{colour}_{axis}": float(table.blocks[row, i]) for row, colour in enumerate(COLOURS) for i, axis in _XY}
     for which in OBJECTS:
-        told = table if which == "named" else table.told_otherwise()
-        ends = [oracle(told.moved("named", sign * MOVED * way[which]))[:, :2].sum(axis=0) for sign in (1, -1)]
+        instructed = table if which == "named" else table.told_otherwise()
+        ends = [oracle(instructed.moved("named", sign * MOVED * way[which]))[:, :2].sum(axis=0) for sign in (1, -1)]
         result |= {f"{which}_along_{axis}": float(way[which][i]) for i, axis in _XY}
         result[f"{which}_follow"] = float((ends[0] - ends[1]) @ way[which])
     return result

@@ -67,7 +67,7 @@ class ActionNames:
         return _quantity(self)
 
     @property
-    def letters(self) -> bool:
+    def has_letters(self) -> bool:
         """Return whether a name is a single letter."""
         return bool(_marks(self).letters)
 

@@ -152,7 +152,7 @@ class Marks:
     numbers: Mapping[str, tuple[tuple[str, str], ...]]
 
     @property
-    def signed(self) -> bool:
+    def is_signed(self) -> bool:
         """Return whether some numbers are negative, so that a sign may mean a side."""
         return any(number.startswith("-") for number in self.numbers)
 
@@ -174,7 +174,7 @@ def _longest(named: tuple[str, str]) -> int:
 def mentions(text: str, marks: Marks) -> Iterator[Mention]:
     """Yield the marks in a folded text that are options."""
     if marks.numbers:
-        yield from _numbers(text, marks.numbers, signed=marks.signed)
+        yield from _numbers(text, marks.numbers, signed=marks.is_signed)
     if marks.letters:
         yield from _letters(text, marks.letters)
 

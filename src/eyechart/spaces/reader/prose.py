@@ -808,7 +808,7 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
     if _SEVERAL.search(group[-1].mention.written) and (far := _BRACKETED.match(right)) is not None:
         right = right[far.end() :]
     status: Status = "said"
-    if _denied(left, right):
+    if _is_denied(left, right):
         status = "denied"
     elif len({mention.mention.action for mention in group}) > 1:
         status = "listed"
@@ -816,12 +816,12 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
         status = "denied"
     elif _ASKED_WHERE.search(marked, max(0, start - _LEFT), start):
         status = "said"
-    elif not row and "?" not in marked[max(start, end - 3) : end] and not _only_said(left, right, group[0].mention):
+    elif not row and "?" not in marked[max(start, end - 3) : end] and not _is_only_said(left, right, group[0].mention):
         status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT)
     return [replace(mention, status=status) for mention in group]
 
 
-def _denied(left: str, right: str) -> bool:
+def _is_denied(left: str, right: str) -> bool:
     if (sign := _IN_BRACKETS.match(right)) is not None:  # "(B) is unsafe" is about B
         inner = right[sign.end() :]
         blocked = not sign.group().endswith(":") and _BLOCKED.match(inner) is not None
@@ -859,7 +859,7 @@ def _is_state(left: str, right: str, mention: Mention) -> bool:
     return not _CHOSEN_BEFORE.search(left) and (label is None or not _names_a_choice(label.group(1)))
 
 
-def _only_said(left: str, right: str, mention: Mention) -> bool:
+def _is_only_said(left: str, right: str, mention: Mention) -> bool:
     """Return whether a mention is another's words, conditional, an example, or a state."""
     if (
         _is_state(left, right, mention)

@@ -309,7 +309,7 @@ def _stated_in(value: object, names: ActionNames, *, within: int = _ANSWER) -> I
         return
     if not isinstance(value, _Pairs):
         return
-    if _at_fault(value) or lacks_picture(value) or _is_contrary(value, names) or _has_other_unit(value, names):
+    if _is_at_fault(value) or lacks_picture(value) or _is_contrary(value, names) or _has_other_unit(value, names):
         yield None, "negated"
     elif (named := _flagged(value, names) or _called(value, names)) is not None:
         yield named, None
@@ -377,7 +377,7 @@ def _named_in(value: object, names: ActionNames) -> Iterator[tuple[str | None, s
             yield action, None if action is not None else "unknown_action"
 
 
-def _at_fault(value: _Pairs) -> bool:
+def _is_at_fault(value: _Pairs) -> bool:
     """Return whether an object reports an error of its own, or a refusal."""
     return any(
         (isinstance(inner, str) and _ONLY_SHOWN.search(inner))

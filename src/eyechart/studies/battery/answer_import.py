@@ -257,9 +257,9 @@ class _AnswerCheck:
         key = self._calls.get(one.call)
         if key is None:
             raise SourceError(f"{one.where}: {self._why_unknown(one)}")
-        for name, told in (("frame", one.frame), ("condition", one.condition)):
-            if told is not None and getattr(key, name) not in {told, told.removeprefix("'")}:
-                raise SourceError(f"{one.where} has {name} '{told}', and its call is about {getattr(key, name)!r}")
+        for name, value in (("frame", one.frame), ("condition", one.condition)):
+            if value is not None and getattr(key, name) not in {value, value.removeprefix("'")}:
+                raise SourceError(f"{one.where} has {name} '{value}', and its call is about {getattr(key, name)!r}")
         if one.request_sha256 is not None and one.request_sha256 != self.requests.digest(key):
             raise SourceError(
                 f"{one.where} was asked with another picture or other words than this machine makes for it. Export the "
@@ -309,8 +309,8 @@ class _AnswerCheck:
 
 def _digest(reply: Reply) -> str:
     """Return the digest of all that a row says about a reply."""
-    told = (reply.text, reply.error, reply.error_detail, *(getattr(reply, name) for name in TOLD))
-    return hashlib.sha256(repr(told).encode("utf-8", "replace")).hexdigest()
+    parts = (reply.text, reply.error, reply.error_detail, *(getattr(reply, name) for name in TOLD))
+    return hashlib.sha256(repr(parts).encode("utf-8", "replace")).hexdigest()
 
 
 def _facts(out: Path, spec: str, source: AnswerSource) -> dict[str, str]:

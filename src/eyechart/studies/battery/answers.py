@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eyechart.calls import UNFINISHED, CallKey, Reply
 from eyechart.frames import Frame, Gap, Provenance
 from eyechart.ledger import Attempts
-from eyechart.modes import made_elsewhere
+from eyechart.modes import is_made_elsewhere
 from eyechart.run import Plan
 from eyechart.spaces.space import UNPARSED, AnySpace, Decision
 from eyechart.verdicts import DECIDED
@@ -45,7 +45,7 @@ class Answers:
     """A model's decisions. ``decisions[condition]`` follows ``frames``; None without a reply.
 
     ``finished`` counts the calls about these frames whose reply is final. ``no_gap`` gives the
-    reason where ``gap`` is None. ``told`` says whether the prompt described each frame. ``made``
+    reason where ``gap`` is None. ``has_text`` says whether the prompt described each frame. ``made``
     says how the bank's control pictures were made. ``sent`` gives by condition the turn of each
     frame's call among all that were sent, -1 without one; it is empty where the order is unknown.
     """
@@ -57,7 +57,7 @@ class Answers:
     decisions: Mapping[str, tuple[Decision[Any] | None, ...]]
     finished: int = 0
     no_gap: str = NO_GAP
-    told: bool = False
+    has_text: bool = False
     made: Provenance = "rendered"
     sent: Mapping[str, Codes] = field(default_factory=dict, compare=False)
 
@@ -280,25 +280,29 @@ def read_answers(
     plan: Plan,
     *,
     independent: bool = False,
-    told: bool = False,
+    has_text: bool = False,
 ) -> Answers:
     """Read every reply of a model under the plan's conditions as a decision.
 
     Where the bank records no episodes, its gap is read only if the frames were declared
     ``independent``.
     """
-    asked = frozenset(plan.asked(model))
-    wanted = ((key, reply) for key, reply in replies if key.condition in asked)
-    return _answers(model, plan, *read_columns(wanted, plan.frames, plan.read), independent=independent, told=told)
+    conditions = frozenset(plan.conditions_of(model))
+    wanted = ((key, reply) for key, reply in replies if key.condition in conditions)
+    return _answers(
+        model, plan, *read_columns(wanted, plan.frames, plan.read), independent=independent, has_text=has_text
+    )
 
 
-def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool = False, told: bool = False) -> Answers:
+def answers_in(
+    attempts: Attempts, plan: Plan, model: str, *, independent: bool = False, has_text: bool = False
+) -> Answers:
     """Return what `read_answers` returns, from the attempts of a ledger, with the order of the calls.
 
     Of answers made elsewhere the ledger's order is that of their file, so theirs is unknown.
     """
-    asked, rows = frozenset(plan.asked(model)), attempts.last(model)
-    shown = np.array([name in asked for name in attempts.names["condition"]], dtype=np.bool_)
+    names, rows = frozenset(plan.conditions_of(model)), attempts.last(model)
+    shown = np.array([name in names for name in attempts.names["condition"]], dtype=np.bool_)
     place = attempts.places(plan.places)[attempts.codes["frame"][rows]]
     kept = shown[attempts.codes["condition"][rows]] & (place >= 0)
     rows, place = rows[kept], place[kept]
@@ -310,8 +314,10 @@ def answers_in(attempts: Attempts, plan: Plan, model: str, *, independent: bool 
         column[place[own]], sent[name][place[own]] = attempts.decision[rows[own]], turns[own]
         decisions[name] = tuple(table[column].tolist())
     finished = len(rows) - int(attempts.error(rows, UNFINISHED).sum())
-    answers = _answers(model, plan, dict(sorted(decisions.items())), finished, independent=independent, told=told)
-    return answers if made_elsewhere(model) else replace(answers, sent=sent)
+    answers = _answers(
+        model, plan, dict(sorted(decisions.items())), finished, independent=independent, has_text=has_text
+    )
+    return answers if is_made_elsewhere(model) else replace(answers, sent=sent)
 
 
 def _answers(
@@ -321,7 +327,7 @@ def _answers(
     finished: int,
     *,
     independent: bool,
-    told: bool,
+    has_text: bool,
 ) -> Answers:
     bank = plan.bank.manifest
     gap, silent = bank.gap, "episode" in bank.absent and not independent
@@ -333,7 +339,7 @@ def _answers(
         decisions=decisions,
         finished=finished,
         no_gap=NO_EPISODES if silent and gap is not None else NO_GAP,
-        told=told,
+        has_text=has_text,
         made=bank.provenance,
     )
 

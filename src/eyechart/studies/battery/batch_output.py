@@ -7,7 +7,7 @@ or ``error``. A run takes the ``custom_id`` as the call of the export.
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from eyechart.calls import ErrorKind, Reply, misfit
+from eyechart.calls import ErrorKind, Reply, invalid_field
 from eyechart.errors import SourceError, printable, raising
 from eyechart.importing import Faults, ImportedAnswer
 from eyechart.importing.answers import MOST_ROWS
@@ -77,7 +77,7 @@ def _answered(where: str, line: str) -> ImportedAnswer:
     if not isinstance(call, str) or not call or len(call) > _MOST_KEY or not call.isprintable():
         raise SourceError(f"{where} has no custom_id; give each request the call of the export as its custom_id")
     reply = _reply(where, row)
-    if wrong := misfit(reply):
+    if wrong := invalid_field(reply):
         raise SourceError(f"{where}: {wrong}")
     if len(reply.text) > MOST_CELL:
         raise SourceError(f"{where}: its text has {len(reply.text)} characters; the limit is {MOST_CELL}")

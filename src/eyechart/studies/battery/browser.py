@@ -57,8 +57,8 @@ def frames_shown(
 ) -> tuple[tuple[int, ...], ...]:
     """Return, run by run, the numbers of the frames that the page lists."""
     every = sum(len(run.frames) for run in evidence)
-    asked = sum(len(run.frames) * len(run.conditions) * len(run.score.models) for run in evidence)
-    part = min(1.0, frames / max(1, every), calls / max(1, asked))
+    planned = sum(len(run.frames) * len(run.conditions) * len(run.score.models) for run in evidence)
+    part = min(1.0, frames / max(1, every), calls / max(1, planned))
     found = []
     for run in evidence:
         kept = {frame.id for frame in spread(run.frames, max(1, int(part * len(run.frames))))} if run.frames else set()
@@ -68,7 +68,7 @@ def frames_shown(
 
 def collect_texts(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], *, budget: int = BUDGET) -> Texts:
     """Return the distinct replies about the shown frames, and the length that fits the budget."""
-    texts = dict.fromkeys(reply.text for reply, _ in _told(evidence, shown))
+    texts = dict.fromkeys(reply.text for reply, _ in _replies_shown(evidence, shown))
     numbers = {text: number for number, text in enumerate(texts)}
     return Texts(numbers, _fitting(numbers, LONGEST, budget))
 
@@ -78,14 +78,14 @@ def _calls_shown(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -
     return sum(len(places) * len(run.conditions) * len(run.score.models) for run, places in runs)
 
 
-def _heavy(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> bool:
+def _is_heavy(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> bool:
     """Return whether the replies about the shown frames are so long that the page packs them."""
     return texts.characters + _CALL * _calls_shown(evidence, shown) > PACKED_FROM
 
 
 def about_packed(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]], texts: Texts) -> int:
     """Return the estimated characters of the packed replies, by a sample; 0 if not packed."""
-    if not _heavy(evidence, shown, texts):
+    if not _is_heavy(evidence, shown, texts):
         return 0
     sample = [text[: texts.limit] for text in evenly(list(texts.numbers), _SAMPLE)]
     each = len(pack(sample)) / max(1, sum(map(len, sample)))
@@ -99,7 +99,7 @@ def packed_data(
     budget = BUDGET
     while True:
         data = browser_data(evidence, album, texts, shown)
-        if not _heavy(evidence, shown, texts):
+        if not _is_heavy(evidence, shown, texts):
             return texts, data, ""
         packed = pack({name: values for name, values in data.items() if name != "pictures"})
         if len(packed) <= room or budget < PACKED_FROM:
@@ -108,7 +108,9 @@ def packed_data(
         texts = collect_texts(evidence, shown, budget=budget)
 
 
-def _told(evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]) -> Iterator[tuple[Reply, Decision[str]]]:
+def _replies_shown(
+    evidence: Sequence[Evidence], shown: Sequence[Sequence[int]]
+) -> Iterator[tuple[Reply, Decision[str]]]:
     """Yield the replies about the shown frames, in an order independent of the ledger."""
     for run, places in zip(evidence, shown, strict=True):
         for spec, model in run.score.models.items():
@@ -148,7 +150,7 @@ def browser_data(
     evidence: Sequence[Evidence], album: Album, texts: Texts, shown: Sequence[Sequence[int]]
 ) -> dict[str, object]:
     """Return plain JSON values: runs with their shown frames and calls, replies, pictures."""
-    said = dict.fromkeys(filter(None, starmap(_note, _told(evidence, shown))))
+    said = dict.fromkeys(filter(None, starmap(_note, _replies_shown(evidence, shown))))
     notes = Texts({note: number for number, note in enumerate(said)}, _fitting(said, _LONGEST_NOTE, _NOTES))
     return {
         "notes": [note[: notes.limit] for note in notes.numbers],
@@ -199,12 +201,12 @@ def _said(run: Evidence, frame: Frame) -> dict[str, object]:
     fields = run.score.manifest.prompt.fields
     if not fields:
         return {}
-    told: dict[str, object] = {"said": _words({name: frame.fields[name] for name in fields})}
+    texts: dict[str, object] = {"said": _words({name: frame.fields[name] for name in fields})}
     for name in run.conditions:
         if "text" in find_condition(name).needs:
             other = text_source_frame(frame, run.score.bank, seed_of(name, frame, run.score.manifest.seed))
-            told["told"] = {name: [other.id, _words({field: other.fields[field] for field in fields})]}
-    return told
+            texts["told"] = {name: [other.id, _words({field: other.fields[field] for field in fields})]}
+    return texts
 
 
 def _calls(

@@ -152,7 +152,7 @@ class CalibratedTests:
         not. The larger p of the two is valid whichever null holds.
         """
         statistic = self._trend("real")
-        if not self.answers.told or statistic.p is None:
+        if not self.answers.has_text or statistic.p is None:
             return statistic
         swapped = self._trend("text_swapped")
         if swapped.p is None:

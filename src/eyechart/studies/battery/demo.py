@@ -55,14 +55,14 @@ def make(out: Path, seed: int, bar: Bar, kept: AbstractContextManager[None], *, 
     else:
         declared = {f"scripted:{name}": (one.declared.calibrated, one.says) for name, one in CONTROLLERS.items()}
     # The checkpoint itself says whether it samples its answers.
-    asked = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else RequestMode(spec) for spec in declared]
-    open_model(asked[0].spec, asked[0])  # names a missing package before a bank is built
+    modes = [RequestMode(spec, temperature=None, max_tokens=16) if vlm else RequestMode(spec) for spec in declared]
+    open_model(modes[0].spec, modes[0])  # names a missing package before a bank is built
     bank, folder = out / f"bank-{seed}", out / (f"run-vlm-{seed}" if vlm else f"run-{seed}")
     if not bank.exists():
         with bar("frames", "frames") as move:
             open_bank_simulator("highway").build(bank, seeds=range(3 * seed, 3 * seed + 3), progress=move)
     with kept, bar("calls", "calls") as move:
-        run(plan(bank, asked, folder, seed=seed), concurrency=_AT_ONCE if vlm else 8, progress=move)
+        run(plan(bank, modes, folder, seed=seed), concurrency=_AT_ONCE if vlm else 8, progress=move)
     scored = score(folder)
     labels, says = ({spec: both[at] for spec, both in declared.items()} for at in (0, 1))
     return BatteryDemo(folder, scored, judge(scored), labels, says)

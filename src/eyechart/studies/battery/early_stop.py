@@ -104,7 +104,7 @@ class QuestionOrder:
 
     frames: tuple[Frame, ...]
     order: tuple[str, ...]
-    asked: Mapping[str, tuple[str, ...]]
+    conditions: Mapping[str, tuple[str, ...]]
     space: Discrete
     controls: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     whole: WholeRun = WholeRun()
@@ -112,7 +112,7 @@ class QuestionOrder:
     @cached_property
     def shown(self) -> frozenset[str]:
         """Return all conditions that any frame may be shown under."""
-        return frozenset(name for one in (self.asked, self.controls) for names in one.values() for name in names)
+        return frozenset(name for one in (self.conditions, self.controls) for names in one.values() for name in names)
 
     def walks(self, label: str | None) -> tuple[SequentialTest, ...]:
         """Return the walks of a label that the frames allow.
@@ -133,7 +133,7 @@ class QuestionOrder:
     @property
     def planned(self) -> int:
         """Return the number of calls."""
-        return sum(map(len, self.asked.values()))
+        return sum(map(len, self.conditions.values()))
 
 
 def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space: Discrete, seed: int) -> QuestionOrder:
@@ -142,11 +142,11 @@ def layout_of(frames: Sequence[Frame], every: Mapping[str, Sequence[str]], space
     Each frame's place in the order comes from the seed and its own id.
     """
     order = shuffled_order([frame.id for frame in frames], seed)
-    asked = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
+    conditions = {frame: tuple(name for name in names if name not in CONTROLS) for frame, names in every.items()}
     shown = {name for names in every.values() for name in names}
     may = set(CONTROLS) & {ABSENT, *((*ALONG, *FURTHER) if shown >= ALONG else ())}
     controls = {frame: tuple(name for name in names if name in may) for frame, names in every.items()}
-    return QuestionOrder(tuple(frames), tuple(order), asked, space, controls if any(controls.values()) else {})
+    return QuestionOrder(tuple(frames), tuple(order), conditions, space, controls if any(controls.values()) else {})
 
 
 @dataclass
@@ -177,60 +177,62 @@ class StoppingState:
         self._judge()
 
     @property
-    def _first(self) -> bool:
+    def _is_first_done(self) -> bool:
         """Return whether the first walk is done: label, scorability and turns are settled."""
         ended = self.frames == len(self.layout.order)
         lateral = self.lateral is not None or not self._turns_asked or ended
-        return self.label is not None and self._scored and lateral
+        return self.label is not None and self._is_scored and lateral
 
     @property
     def _walk(self) -> SequentialTest | None:
         """Return the current walk, None before the first and after the last one."""
         walks = self.layout.walks(self.label)
-        return walks[self.passed] if self._first and self.passed < len(walks) else None
+        return walks[self.passed] if self._is_first_done and self.passed < len(walks) else None
 
     @property
     def place(self) -> int:
         """Return the number of the current walk; 0 before the first walk of the controls."""
-        return 1 + self.passed if self._first else 0
+        return 1 + self.passed if self._is_first_done else 0
 
     @property
-    def settled(self) -> bool:
+    def is_settled(self) -> bool:
         """Return whether the calls may end: the label and the lateral axis are settled."""
-        return self._first and self._walk is None and not self.failed and not self._complete
+        return self._is_first_done and self._walk is None and not self.failed and not self._is_complete
 
     @property
     def is_exhausted(self) -> bool:
         """Return whether a walk ended with nothing settled; then the whole run decides."""
-        if self._first:
-            return self.failed or self._complete
+        if self._is_first_done:
+            return self.failed or self._is_complete
         return self.frames == len(self.layout.order)
 
     @property
-    def _complete(self) -> bool:
+    def _is_complete(self) -> bool:
         """Return whether the first walk has counted every call of the run's first stage."""
-        return all((frame, name) in self.counted for frame, asked in self.layout.asked.items() for name in asked)
+        return all(
+            (frame, name) in self.counted for frame, conditions in self.layout.conditions.items() for name in conditions
+        )
 
     @property
-    def _scored(self) -> bool:
-        return self.label == "not_scorable" or self.claims["scorable"].settled
+    def _is_scored(self) -> bool:
+        return self.label == "not_scorable" or self.claims["scorable"].is_settled
 
     def wanted(self, frame: str) -> tuple[str, ...]:
         """Return the wanted conditions of a frame that does not count yet."""
-        asked = self.layout.asked[frame]
+        conditions = self.layout.conditions[frame]
         if self.is_exhausted:
-            return asked
+            return conditions
         if walk := self._walk:
             names = walk.conditions | ({"mirrored"} if self._turns_again else set())
-            return tuple(name for name in (*asked, *self.layout.controls.get(frame, ())) if name in names)
-        if self._first:
+            return tuple(name for name in (*conditions, *self.layout.controls.get(frame, ())) if name in names)
+        if self._is_first_done:
             return ()
         if self.label is None:
-            return asked
-        still = set() if self._scored else {"real", "real_repeat"}
-        if self._turns_asked and self.lateral is None and "mirrored" in asked:
+            return conditions
+        still = set() if self._is_scored else {"real", "real_repeat"}
+        if self._turns_asked and self.lateral is None and "mirrored" in conditions:
             still |= {"real", "mirrored"}
-        return tuple(name for name in asked if name in still)
+        return tuple(name for name in conditions if name in still)
 
     @property
     def _turns_again(self) -> bool:
@@ -246,7 +248,7 @@ class StoppingState:
         ``given`` maps (frame, condition) to the decision.
         """
         order = self.layout.order
-        while not self.is_exhausted and not self.settled:
+        while not self.is_exhausted and not self.is_settled:
             walk = self._walk
             if walk and self.walked == len(order):
                 self._end(walk, given)
@@ -263,7 +265,7 @@ class StoppingState:
             self.walked += 1
             if walk.until:
                 self.claims[walk.until].add(row)
-                if self.claims[walk.until].settled:
+                if self.claims[walk.until].is_settled:
                     self.passed, self.walked = self.passed + 1, 0
 
     def _end(self, walk: SequentialTest, given: Mapping[tuple[str, str], Decision[str]]) -> None:
@@ -313,7 +315,7 @@ class StoppingState:
 
         ``finished`` counts the model's finished calls, including those after the stop.
         """
-        if not self.settled or self.label is None:
+        if not self.is_settled or self.label is None:
             return None
         lateral, by = self._sideways()
         whole, ruling = self.label == "depth", self._ruling(EARLY, self.claims)
@@ -329,7 +331,7 @@ class StoppingState:
             planned=self.layout.planned + self.layout.most(self.label),
             beyond=finished - len(self.counted),
             interventional="near_far" in self.claims,
-            with_it=() if whole else (*ruling.with_it, *scored),
+            other_claims=() if whole else (*ruling.other_claims, *scored),
         )
 
     def _sideways(self) -> tuple[str | None, str]:
@@ -358,10 +360,10 @@ class Progress:
 
 def layout_for(plan: Plan, model: str) -> QuestionOrder:
     """Return a plan's calls of a model."""
-    asked: dict[str, list[str]] = {frame.id: [] for frame in plan.frames}
+    conditions: dict[str, list[str]] = {frame.id: [] for frame in plan.frames}
     for key in plan.keys_of(model):
-        asked[key.frame].append(key.condition)
-    by_frame = {frame: tuple(names) for frame, names in asked.items()}
+        conditions[key.frame].append(key.condition)
+    by_frame = {frame: tuple(names) for frame, names in conditions.items()}
     layout = layout_of(plan.frames, by_frame, plan.bank.manifest.action_space, plan.seed)
     return replace(layout, whole=WholeRun.of(plan.bank.manifest, plan.seed))
 
@@ -379,11 +381,11 @@ class EarlyStop(Stages):
         self.courses: dict[str, StoppingState] = {}
         for model in plan.models:
             course = StoppingState(layout_for(plan, model))
-            asked = {(key.frame, key.condition) for key in plan.keys_of(model)}
+            planned = {(key.frame, key.condition) for key in plan.keys_of(model)}
             self._given[model] = given = {
                 (key.frame, key.condition): plan.read(key, reply)
                 for key, reply in ledger.replies(model)
-                if reply.error not in UNFINISHED and (key.frame, key.condition) in asked
+                if reply.error not in UNFINISHED and (key.frame, key.condition) in planned
             }
             course.advance(given)
             self.courses[model] = course
@@ -442,12 +444,12 @@ class EarlyStop(Stages):
         return left
 
 
-def typical(asked: QuestionOrder) -> dict[str, int]:
+def typical(layout: QuestionOrder) -> dict[str, int]:
     """Return the calls of a model of each kind that never contradicts itself, by early label."""
     result = {}
     for label in (rule.label for rule in EARLY.rules if rule.label != NOT_YET):
-        course = StoppingState(asked)
-        course.advance(_unwavering(label, asked))
+        course = StoppingState(layout)
+        course.advance(_unwavering(label, layout))
         stopped = course.stopped(len(course.counted))
         if stopped is not None and stopped.label == label:
             result[label] = stopped.calls
@@ -473,7 +475,7 @@ def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], D
     }
     found = {
         (frame, name): answers[label].get(name, Decision(go))
-        for frame, names in layout.asked.items()
+        for frame, names in layout.conditions.items()
         for name in (*names, *layout.controls.get(frame, ()))
     }
     return found | (dict.fromkeys(_nearer(layout) & found.keys(), other) if label == "depth" else {})
@@ -482,8 +484,8 @@ def _unwavering(label: str, layout: QuestionOrder) -> Mapping[tuple[str, str], D
 def _nearer(layout: QuestionOrder) -> set[tuple[str, str]]:
     """Return the pictures, by frame and condition, whose lead is nearer than the farthest."""
     columns = {name: AT[picture][0] for picture in ("drawn", "own") for name in TWICE[picture]}
-    told = {(frame.id, name): frame.truth.get(column) for frame in layout.frames for name, column in columns.items()}
-    known = {key: float(one) for key, one in told.items() if isinstance(one, int | float)}
+    gaps = {(frame.id, name): frame.truth.get(column) for frame in layout.frames for name, column in columns.items()}
+    known = {key: float(one) for key, one in gaps.items() if isinstance(one, int | float)}
     cut, gap = 0.7 * max(known.values(), default=0.0), layout.whole.gap
     if known and gap:
         known |= {(frame.id, name): gap.of(frame) for frame in layout.frames for name in TWICE["real"]}

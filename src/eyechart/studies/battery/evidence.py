@@ -38,7 +38,7 @@ class FrameAnswers:
         return None if one is None else one.symbol
 
     @cached_property
-    def failed(self) -> bool:
+    def has_failed(self) -> bool:
         """Return whether a call ended in an error: such a frame is evidence for nothing."""
         return any(one.missing == "error" for one in self.given.values())
 
@@ -65,20 +65,20 @@ class Claim:
     alpha: float = ALPHA
     frames: int = 0
     most: float = field(init=False)
-    settled: bool = field(init=False)
+    is_settled: bool = field(init=False)
 
     def __post_init__(self) -> None:
         self.most = self.process.log_e
-        self.settled = self.most >= -math.log(self.alpha)
+        self.is_settled = self.most >= -math.log(self.alpha)
 
     def add(self, row: FrameAnswers) -> None:
         """Add a frame, unless the claim is settled already."""
-        if self.settled:
+        if self.is_settled:
             return
         self.observe(row)
         self.frames += 1
         self.most = max(self.most, self.process.log_e)
-        self.settled = self.process.log_e >= -math.log(self.alpha)
+        self.is_settled = self.process.log_e >= -math.log(self.alpha)
 
     def statistic(self) -> EValue:
         """Return the e-value, with its anytime-valid p: 1 over the largest e-value so far."""
@@ -89,10 +89,10 @@ class Claim:
             self.frames,
             p=min(1.0, math.exp(-min(self.most, math.log(E_MOST)))),
             method=f"e-process against: {self.against}; settled at {threshold:g}, p is anytime-valid",
-            note=f"{'settled' if self.settled else 'open'} after {self.frames} frames: {self.says}",
+            note=f"{'settled' if self.is_settled else 'open'} after {self.frames} frames: {self.says}",
             threshold=threshold,
             alpha=self.alpha,
-            settled=self.settled,
+            settled=self.is_settled,
             says=self.says,
         )
 
@@ -168,7 +168,7 @@ def _mean(
     """Return a claim about the mean payoff per frame; a frame with an error has ``failed``."""
 
     def observe(row: FrameAnswers) -> None:
-        process.add(failed if row.failed else payoff(row))
+        process.add(failed if row.has_failed else payoff(row))
 
     return Claim(name, says, against, process, observe, alpha)
 
@@ -261,7 +261,7 @@ def _differs(name: str, level: str) -> Claim:
 
     def observe(row: FrameAnswers) -> None:
         real, blank = (getattr(row, level)(condition) for condition in ("real", "blank"))
-        if real is not None and blank is not None and not row.failed:
+        if real is not None and blank is not None and not row.has_failed:
             process.add(real, blank)
 
     what = "decisions" if level == "action" else "outputs"
@@ -308,7 +308,7 @@ def _swaps(frames: int, space: Discrete) -> tuple[Claim, Claim]:
 
     def observe(row: FrameAnswers) -> None:
         turn = row.turn()
-        if turn is not None and turn[1] in space.turns and not row.failed:
+        if turn is not None and turn[1] in space.turns and not row.has_failed:
             pairing.add(space.opposite(turn[0]), turn[1])
 
     says = "it exchanges more than half of its turns under reflection"

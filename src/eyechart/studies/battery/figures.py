@@ -80,12 +80,12 @@ def agreement(everyone: Sequence[Subject], *, as_paper: bool = False) -> Drawing
         [name + below.get(name, "") for name in conditions], [plain(who.label, 34) for who in everyone], rotation=40
     )
     figure = grid((width, height), (left, 0.75, 0.05, above), cells, labels, framed)
-    told = "; ".join(
+    description = "; ".join(
         f"{who.label}: " + ", ".join(f"{name} {number(share, 2)}" for name, share in zip(conditions, row, strict=True))
         for who, row in zip(everyone, shares, strict=True)
     )
     title = "Agreement with the action given to the real frame"
-    says = f"Red means the same action whether or not it can see. Rows are models, columns conditions. {told}"
+    says = f"Red means the same action whether or not it can see. Rows are models, columns conditions. {description}"
     if as_paper and "mirrored" in conditions:
         says = (
             f"Grey columns, mirrored among them, say nothing alone: the frame decides whether an answer stays. {says}"
@@ -128,11 +128,11 @@ def information(everyone: Sequence[Subject]) -> list[Drawing]:
         return []
     names = ("action entropy on real frames (bits)", "I(A; g) (bits)", "varied, and not about the gap")
     figure = scattered([(who.label, x, y) for who, x, y in points], *names)
-    told = "; ".join(f"{who.label}: entropy {x:.2f}, information {y:.3f}" for who, x, y in points)
+    description = "; ".join(f"{who.label}: entropy {x:.2f}, information {y:.3f}" for who, x, y in points)
     missing = [who.label for who in everyone if who.label not in {one.label for one, _, _ in points}]
     without = f" Cannot say: {', '.join(missing)}." if missing else ""
     title = "Action entropy against mutual information with the gap"
-    says = f"High entropy with information near 0 (lower right) is variety without sight. {told}.{without}"
+    says = f"High entropy with information near 0 (lower right) is variety without sight. {description}.{without}"
     return [Drawing("information", title, says, figure, wide=True)]
 
 
@@ -144,13 +144,13 @@ def pairs(everyone: Sequence[Subject]) -> list[Drawing]:
         return []
     left = room([who.label for who, _ in counted])
     figure, axes = canvas(left + 4.3, 0.95 + 0.3 * len(counted), (left, 0.25, 0.5, 0.4))
-    told = []
+    descriptions = []
     for y, (who, counts) in enumerate(counted):
         start, total = 0.0, sum(counts)
         for count, (_, colour, hatch) in zip(counts, _OUTCOMES, strict=True):
             _bar(axes, (start, count / total, y), count, colour, hatch)
             start += count / total
-        told.append(f"{who.label}: {pair_words(counts)}")
+        descriptions.append(f"{who.label}: {pair_words(counts)}")
     axes.set_xlim(0, 1)
     named_rows(axes, [who.label for who, _ in counted], 0.4)
     axes.set_xlabel("share of pairs with two decisions")
@@ -160,7 +160,7 @@ def pairs(everyone: Sequence[Subject]) -> list[Drawing]:
         )
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize=8.5, borderaxespad=0)
     title = "Counterfactual pairs: braking with the lead near against far"
-    return [Drawing("counterfactual-pairs", title, "; ".join(told), figure, wide=True)]
+    return [Drawing("counterfactual-pairs", title, "; ".join(descriptions), figure, wide=True)]
 
 
 def _bar(axes: Axes, place: tuple[float, float, int], count: int, colour: str, hatch: str) -> None:
@@ -195,7 +195,7 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
     """Draw s, IDI and 1.5 s of each model: by the paper, IDI must exceed 1.5 s."""
     left = room([who.label for who in everyone])
     figure, axes = canvas(left + 4.2, 1.0 + 0.32 * len(everyone), (left, 1.25, 0.55, 0.35))
-    told = []
+    descriptions = []
     for y, who in enumerate(everyone):
         statistics = who.model.statistics
         floor, idi, clears = statistics["noise_floor"].value, statistics["idi"].value, statistics["clears_floor"].value
@@ -209,7 +209,7 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
             axes.scatter([idi], [y], s=40, marker="D", color=BLUE, edgecolors=PAPER, linewidths=0.6, zorder=4)
         word = "cannot say" if clears is None else "clears" if clears else "does not clear"
         axes.text(1.56, y, word, va="center", fontsize=8.5, color=INK if clears else MUTED)
-        told.append(f"{who.label}: s {number(floor)}, IDI {number(idi)}, {word}")
+        descriptions.append(f"{who.label}: s {number(floor)}, IDI {number(idi)}, {word}")
     axes.set_xlim(-0.02, 1.52)
     named_rows(axes, [who.label for who in everyone], 0.4)
     axes.set_xlabel("share of frames with another answer")
@@ -220,7 +220,7 @@ def noise_floor(everyone: Sequence[Subject]) -> Drawing:
     return Drawing(
         "noise-floor",
         "Noise floor s, its threshold 1.5 s, and IDI",
-        f"IDI has to stand above 1.5 s. {'; '.join(told)}",
+        f"IDI has to stand above 1.5 s. {'; '.join(descriptions)}",
         figure,
         wide=True,
     )
@@ -250,7 +250,7 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
     figure, axes = canvas(3.5, 0.6 + 0.36 * len(actions), (margin, 0.15, 0.5, 0.05))
     axes.set_xlim(0, nowhere * (1.06 if leadless else 0.92))  # first, or every mark would set the limits anew
     axes.set_ylim(len(names) - 0.5, -0.5)
-    told = []
+    descriptions = []
     for y, action in enumerate(actions):
         mine = gaps[real == action]
         some = mine[:: 1 + len(mine) // MOST_MARKS]
@@ -261,16 +261,18 @@ def gap_by_action(who: Subject, place: int) -> list[Drawing]:
         if len(mine):
             middle = float(np.median(np.where(np.isfinite(mine), mine, farthest)))
             axes.plot([middle, middle], [y - 0.4, y + 0.4], color=INK, linewidth=2.2, solid_capstyle="butt")
-            told.append(f"{action}: {len(mine)} frames, median {middle:.1f} {answers.gap.unit}")
+            descriptions.append(f"{action}: {len(mine)} frames, median {middle:.1f} {answers.gap.unit}")
         else:
-            told.append(f"{action}: never")
+            descriptions.append(f"{action}: never")
     _strip_axes(axes, names, nowhere, leadless=leadless)
     axes.axvline(answers.gap.threshold, color=MUTED, linestyle=(0, (4, 3)), linewidth=0.9, zorder=0)
     axes.set_xlabel(f"{plain(answers.gap.column, 24)} ({plain(answers.gap.unit, 8)})", fontsize=8.5)
     if leadless:
         axes.axvline((farthest + nowhere) / 2, color=LINE, linewidth=0.8, zorder=0)
     title = f"Gap by action, {who.label}"
-    says = f"Each mark is a real frame; squares brake, triangles proceed; the bar is the median. {'; '.join(told)}"
+    says = (
+        f"Each mark is a real frame; squares brake, triangles proceed; the bar is the median. {'; '.join(descriptions)}"
+    )
     return [Drawing(f"gap-{place:02d}", title, says, figure, of=who.label)]
 
 
@@ -346,17 +348,17 @@ def _braking(who: Subject, size: tuple[float, float]) -> Drawing | None:
         return None
     figure, axes = canvas(*size, (0.95, 0.12, 0.5, 0.17 * len(curves) + 0.1))
     unit = who.model.answers.gap.unit if who.model.answers.gap is not None else "m"
-    told = []
+    descriptions = []
     for name, windows in curves.items():
         words, colour, mark, stroke = _CURVES[name]
         words = words.format(holes=_of_frames(verdict.holes))
         _curve(axes, windows, colour, mark, stroke, words)
         along = (f"{window.near:.3g} to {window.far:.3g} {unit} {number(window.level.value, 2)}" for window in windows)
-        told.append(f"{words}: {', '.join(along)}")
+        descriptions.append(f"{words}: {', '.join(along)}")
     _distances(axes, [one for many in curves.values() for one in many], unit)
     axes.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), frameon=False, fontsize=8.5, borderaxespad=0)
     title = f"Braking by distance, {who.label}"
-    return Drawing("braking", title, f"{BANDS} 1 is a full stop. {'. '.join(told)}.", figure)
+    return Drawing("braking", title, f"{BANDS} 1 is a full stop. {'. '.join(descriptions)}.", figure)
 
 
 def _of_frames(holes: Sequence[Place]) -> str:
@@ -419,7 +421,7 @@ def _transitions(
     labels = [plain(action, 11) for action in actions]
     leaning = size > 5 or max(map(len, labels)) > 8
     top, margin = (0.95 if leaning else 0.5), 0.4 + 0.075 * max(map(len, labels))
-    told, framed = [], list[Frame]()
+    descriptions, framed = [], list[Frame]()
     cells: list[list[Cell]] = [[] for _ in actions]
     for y, one in enumerate(actions):
         total = int((rows == one).sum())
@@ -429,11 +431,11 @@ def _transitions(
             if (one, other) in marked:
                 framed.append((x - 0.44, y - 0.43, x + 0.44, y + 0.43, ON_COLOUR if total else INK, 1.1))
             if count:
-                told.append(f"{one} to {other}: {count}")
+                descriptions.append(f"{one} to {other}: {count}")
     box = (3.5, top + 0.05 + 0.33 * size), (margin, 0.35 if leaning else 0.1, 0.05, top)
     named = GridLabels(labels, labels, 40 if leaning else 0, 7.5, across=names[1], down=names[0])
     figure = grid(*box, cells, named, framed)
-    says = f"Rows: {names[0]}; columns: {names[1]}; {note}. {'; '.join(told)}"
+    says = f"Rows: {names[0]}; columns: {names[1]}; {note}. {'; '.join(descriptions)}"
     return Drawing(words[0], words[1], says, figure, of=words[2])
 
 

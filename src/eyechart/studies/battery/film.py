@@ -42,11 +42,11 @@ def cards(run: Path, frame: str | None = None, banks: Sequence[Path] = ()) -> tu
     Without ``frame`` it is the one whose answers vary the most. Raises SpecError for an unknown
     frame and for a run without answers, BankError where its pictures cannot be found.
     """
-    manifest, asked = read_run(run)
-    space = manifest.prompt.asks(asked.manifest.action_space)
+    manifest, bank = read_run(run)
+    space = manifest.prompt.asks(bank.manifest.action_space)
     if space.who == "policy":
         raise SpecError(f"{run} is a run of policies, whose answers are no words: a film needs a battery or a drive")
-    pictures, why = find_pictures(manifest, asked, run, banks)
+    pictures, why = find_pictures(manifest, bank, run, banks)
     if pictures is None:
         raise BankError(f"the pictures of {run} were not found: {why}; give the bank with --frames")
     plan = plan_of(manifest, pictures, view=find_view(manifest.view))
@@ -59,7 +59,7 @@ def cards(run: Path, frame: str | None = None, banks: Sequence[Path] = ()) -> tu
                 said.setdefault(key.frame, {})[spec, key.condition] = (
                     words if found.action is None else space.symbol(found.action)
                 )
-    shown = _frame(asked, said, frame, run)
+    shown = _frame(bank, said, frame, run)
     order = dict.fromkeys([*manifest.conditions, *CONDITIONS, *(condition for _, condition in said[shown.id])])
     made = []
     for condition in order:

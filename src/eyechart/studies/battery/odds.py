@@ -283,13 +283,13 @@ class _SimulatedAnswers:
         bank = self.bank.manifest
         if bank.provenance == "rendered":
             return {}
-        asked = (name for name in ("real", "real_repeat", PATCHED) if self._shown(name).any())
+        conditions = (name for name in ("real", "real_repeat", PATCHED) if self._shown(name).any())
         decisions = {
             name: tuple(
                 Decision(self.space.actions[code]) if there else None
                 for code, there in zip(codes[name], self._shown(name), strict=True)
             )
-            for name in asked
+            for name in conditions
         }
         gap = None if "episode" in bank.absent and not bank.independent else bank.gap
         answers = Answers("", self.bank.frames, self.space, gap, decisions, made=bank.provenance)

@@ -96,20 +96,22 @@ class PaperStatistics:
         return found | {name: partial(lambda name: diversity()[name], name) for name in ("modal_share", "entropy")}
 
     def _unparsed(self) -> Statistic:
-        asked, counts = [name for name in BATTERY if name in self.answers.decisions], self.answers.counts()
-        given = [self.answers.given(name) for name in asked]
+        conditions, counts = [name for name in BATTERY if name in self.answers.decisions], self.answers.counts()
+        given = [self.answers.given(name) for name in conditions]
         if not any(came.any() for came, _ in given):
             return not_available("no observations")
         lost = np.concatenate([without[came] for came, without in given]).astype(np.float64)
         statistic = self._over_episodes(lost, np.concatenate([self._episodes[came] for came, _ in given]))
-        reasons = sum((counts[name] for name in asked), Counter())
+        reasons = sum((counts[name] for name in conditions), Counter())
         del reasons[DECIDED]
         return replace(statistic, detail={"reasons": dict(sorted(reasons.items()))})
 
     def _agreements(self, level: str) -> dict[str, Callable[[], Statistic]]:
         decisions = self.answers.decisions
-        told = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
-        further = [name for name in dict.fromkeys((*CONDITIONS, *decisions)) if name in decisions and name not in told]
+        compared = (*BATTERY, *COUNTERFACTUALS, *CONTROLS)  # counterfactuals are compared in pairs
+        further = [
+            name for name in dict.fromkeys((*CONDITIONS, *decisions)) if name in decisions and name not in compared
+        ]
         distance = cache(lambda name: self.answers.distance("real", name, level))
 
         def agree(name: str) -> Statistic:

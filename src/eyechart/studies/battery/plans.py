@@ -22,8 +22,8 @@ from eyechart.conditions import (
     by_reason,
     find_condition,
     is_available,
+    is_of_one_instant,
     of_bank,
-    of_one_instant,
     require_camera,
     require_corruptible,
     require_partners,
@@ -169,12 +169,12 @@ class Battery(PlannedRun):
         """Make the remaining calls."""
         require_engine(how.engine)
         limits = how.limits(self.manifest)
-        asked: dict[str, Any] = {"again": how.again, "sequential": how.sequential, "limits": limits}
+        options: dict[str, Any] = {"again": how.again, "sequential": how.sequential, "limits": limits}
         here, concurrency = self, how.concurrency
         if how.engine == "ray":
             here, concurrency = self._held(ActorPool(how.workers, how.gpus)), concurrency * how.workers
         with bar("calls", self.unit) as move:
-            return make_calls(partial(run, here, concurrency=concurrency, **asked), move)
+            return make_calls(partial(run, here, concurrency=concurrency, **options), move)
 
     def _held(self, pool: ActorPool) -> Self:
         """Return the battery with its models held by actors, if any call is left."""
@@ -275,7 +275,7 @@ class Battery(PlannedRun):
     def more_by_model(self) -> dict[str, int]:
         """Return the most control calls that may follow beside the planned ones, by model."""
         with self._ledger as ledger:
-            found = self._asked(ledger)
+            found = self._progress(ledger)
         most = replace(self.plan, controls={spec: one.most for spec, one in found.items()})
         return {spec: sum(key.condition in one.most for key in most.keys_of(spec)) for spec, one in found.items()}
 
@@ -285,7 +285,7 @@ class Battery(PlannedRun):
 
     def staged(self, ledger: Ledger) -> Plan:
         """Return the plan with the controls that the models' answers so far call for."""
-        return staged(self.plan, self._asked(ledger))
+        return staged(self.plan, self._progress(ledger))
 
     def stages(self, manifest: RunManifest, ledger: Ledger) -> tuple[Plan, Stages]:
         """Return the plan of now, and the stages that decide what follows."""
@@ -294,17 +294,19 @@ class Battery(PlannedRun):
         later = AdaptiveStages(now, whole, manifest, ledger)
         return now, EarlyStop(widest(manifest, self.plan), ledger, later) if manifest.stop_early else later
 
-    def _asked(self, ledger: Ledger) -> dict[str, ControlProgress]:
+    def _progress(self, ledger: Ledger) -> dict[str, ControlProgress]:
         progresses = stages_of(self.manifest, plan_of(self.manifest, self.plan.bank), ledger)
         return {spec: progresses[spec] for spec in self.plan.models}
 
     def left_lines(self) -> Iterator[str]:
         """Yield, of a run that is not finished, what is left and the command that makes it."""
-        left, more, asked = self.left(), sum(self.more_by_model().values()), self.manifest
+        left, more, manifest = self.left(), sum(self.more_by_model().values()), self.manifest
         if left or more:
             up_to = f", and up to {more} of control pictures" if more else ""
-            who = " ".join(f"--{'policy' if asked.study == 'policy' else 'model'} {spec}" for spec in asked.models)
-            command = f"'eyechart run {asked.study} {who} --frames {asked.bank_path} --out {self.out}'"
+            who = " ".join(
+                f"--{'policy' if manifest.study == 'policy' else 'model'} {spec}" for spec in manifest.models
+            )
+            command = f"'eyechart run {manifest.study} {who} --frames {manifest.bank_path} --out {self.out}'"
             yield f"{counted(left, 'call', 'are')} left{up_to}: {command}, with the options of the shards, makes them"
 
     def left(self) -> int:
@@ -419,11 +421,11 @@ def open_models(specs: Sequence[str | RequestMode | OpenedModel]) -> tuple[dict[
     """Return the request mode and the opened model of each SPEC; raises SpecError for none."""
     held = {spec.mode.spec: spec.model for spec in specs if isinstance(spec, OpenedModel)}
     given = (spec.mode if isinstance(spec, OpenedModel) else spec for spec in specs)
-    asked = {mode.spec: mode for mode in (RequestMode(one) if isinstance(one, str) else one for one in given)}
-    models = {spec: held.get(spec) or open_model(spec, mode) for spec, mode in asked.items()}
+    requested = {mode.spec: mode for mode in (RequestMode(one) if isinstance(one, str) else one for one in given)}
+    models = {spec: held.get(spec) or open_model(spec, mode) for spec, mode in requested.items()}
     if not models:
         raise SpecError("a run needs at least one --model, see 'eyechart list models'")
-    return asked, models
+    return requested, models
 
 
 def open_whole(bank_path: Path) -> FrameBank:
@@ -463,7 +465,7 @@ def conditions_of(bank: FrameBank, prompt: Prompt) -> tuple[tuple[str, ...], dic
             left_out[name] = f"prompt '{prompt.name}' says nothing of a frame"
         elif not any(is_available(name, frame) for frame in bank):
             left_out[name] = "no frame has a mirror axis" if "axis" in needs else "no frame has its picture"
-            left_out[name] = ONE_INSTANT if of_one_instant(name, bank) else left_out[name]
+            left_out[name] = ONE_INSTANT if is_of_one_instant(name, bank) else left_out[name]
         else:
             try:
                 require_partners((name,), bank)
@@ -497,14 +499,14 @@ def resume_manifest(out: Path, manifest: RunManifest, bank: FrameBank) -> RunMan
 
 def _require_as_begun(before: RunManifest, now: RunManifest) -> None:
     """Raise LedgerError where a run with early stop is resumed with other frames or conditions."""
-    begun, asked = ("all frames" if one.limit is None else f"--limit {one.limit}" for one in (before, now))
+    begun, given = ("all frames" if one.limit is None else f"--limit {one.limit}" for one in (before, now))
     if set(before.conditions) != set(now.conditions):
-        begun, asked = (f"--conditions {','.join(one.conditions)}" for one in (before, now))
+        begun, given = (f"--conditions {','.join(one.conditions)}" for one in (before, now))
     if before.controls != now.controls:
-        begun, asked = (f"--controls {one.controls}" for one in (before, now))
-    if begun != asked:
+        begun, given = (f"--controls {one.controls}" for one in (before, now))
+    if begun != given:
         raise LedgerError(
-            f"this run was begun with {begun}, now {asked} was given. An early stop depends on all calls of a run: "
+            f"this run was begun with {begun}, now {given} was given. An early stop depends on all calls of a run: "
             "give the same options to resume it, or another --out for another run"
         )
 
@@ -552,11 +554,11 @@ def sample_of(planned: Iterable[Battery]) -> "Sample":
 
     held = list(planned)
     plan = held[0].plan
-    asked = []
+    questions = []
     for number, frame in enumerate(spread(plan.frames, max(_PICTURES, len(held)))):
         stimulus = through(plan.view, show("real", frame, plan.bank, plan.seed), frame.id)
-        asked.append((held[number % len(held)].plan.prompt, stimulus))
-    return Sample(asked, plan.space)
+        questions.append((held[number % len(held)].plan.prompt, stimulus))
+    return Sample(questions, plan.space)
 
 
 def expected(battery: Battery, prices: Prices, *, concurrency: int) -> tuple[CostEstimate, ...]:

@@ -92,7 +92,7 @@ class BankPower:
         plan = {"format": "eyechart-plan/1", "calls_per_model": sum(self.calls.values()), **levels}
         return plan | asdict(self)
 
-    def asked(self, spec: str) -> dict[str, object]:
+    def of_model(self, spec: str) -> dict[str, object]:
         """Return a model's number of calls; the cost is None where its adapter states no price."""
         del spec  # scripted models cost nothing that could be priced
         return {"calls": sum(self.calls.values()), "controls": sum(self.controls.values()), "cost": None}
@@ -129,7 +129,7 @@ class BankPower:
         most = f"at most {sum(self.calls.values()) + sum(self.controls.values())} calls per model"
         said.append(f"stopping early (--stop-early): {most}; a model whose repeats never differ takes {early}")
         more = f"and up to {sum(self.controls.values())} of controls"
-        said += [f"model {spec}: {self.asked(spec)['calls']} calls {more}, cost —" for spec in specs]
+        said += [f"model {spec}: {self.of_model(spec)['calls']} calls {more}, cost —" for spec in specs]
         said += [f"cannot say: {test}: {why}" for test, why in self.cannot_say.items()]
         return of_lines("details", "What it comes of", said)
 
@@ -153,7 +153,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
     bound = bounded_below(never, never, margin=MARGIN, alpha=ALPHA).ci
     controls = _controls_of(bank) | sampled_of(bank)
     shown = [name for name, count in (calls | controls).items() if count]
-    asked = {frame.id: tuple(name for name in shown if is_available(name, frame)) for frame in bank}
+    conditions = {frame.id: tuple(name for name in shown if is_available(name, frame)) for frame in bank}
     return BankPower(
         bank=bank.name,
         frames=len(bank),
@@ -175,7 +175,7 @@ def power_of(bank: FrameBank, *, noise: float = NOISE) -> BankPower:
             (share for share in _DISAGREEMENTS if pairs_to_bound(share, margin=MARGIN, alpha=ALPHA) <= len(bank)),
             default=None,
         ),
-        stopped_early=typical(layout_of(bank.frames, asked, bank.manifest.action_space, 0)),
+        stopped_early=typical(layout_of(bank.frames, conditions, bank.manifest.action_space, 0)),
         cannot_say=_cannot_say(bank, calls, pairs, why),
         controls=controls,
         odds=odds_of(bank, noise=noise),

@@ -24,7 +24,7 @@ from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, RunManifest, asked_of, read_run
 from eyechart.messages import Turn
 from eyechart.models.faults import is_of_the_road
-from eyechart.modes import ELSEWHERE, made_elsewhere
+from eyechart.modes import ELSEWHERE, is_made_elsewhere
 from eyechart.records import plain
 from eyechart.report.table import no_formula
 from eyechart.run import Plan, in_order
@@ -97,8 +97,8 @@ class Keys:
 
     def find(self, call: str, conditions: Iterable[str], frames: Iterable[str]) -> tuple[str, str] | None:
         """Return the condition and the frame of a key, out of these; None for an unknown key."""
-        asked = product(conditions, frames)
-        return next((one for one in asked if call in {self.call(*one), self.older(*one)}), None)
+        cells = product(conditions, frames)
+        return next((one for one in cells if call in {self.call(*one), self.older(*one)}), None)
 
     def holds(self, call: str) -> bool:
         """Return whether a key belongs to this bank, prompt and seed, whichever its call."""
@@ -122,17 +122,17 @@ class Questions:
     @property
     def is_unnamed(self) -> bool:
         """Return whether no run of eyechart makes these calls itself, so that any seed will do."""
-        return made_elsewhere(self.plan.models[0])
+        return is_made_elsewhere(self.plan.models[0])
 
     @property
     def conditions(self) -> dict[str, int]:
         """Return how many calls are left under each condition, in the order of the plan."""
-        counts = dict.fromkeys(self.plan.asked(self.plan.models[0]), 0)
+        counts = dict.fromkeys(self.plan.conditions_of(self.plan.models[0]), 0)
         for key in self.left:
             counts[key.condition] += 1
         return {name: count for name, count in counts.items() if count}
 
-    def asked(self) -> Iterator[tuple[CallKey, Query]]:
+    def queries(self) -> Iterator[tuple[CallKey, Query]]:
         """Yield each remaining call with its query, in the order in which a run would make them."""
         stimuli = self.plan.stimuli()
         for key in self.left:
@@ -200,43 +200,43 @@ def unasked(battery: Battery, condition: str, frame: str) -> str:
 
 
 def write_questions(
-    asked: Questions, out: Path, *, progress: Callable[[int, int], None] = lambda *_: None
+    questions: Questions, out: Path, *, progress: Callable[[int, int], None] = lambda *_: None
 ) -> tuple[int, int]:
     """Write the remaining calls with their pictures into a new folder; return both counts.
 
     The folder is written whole or not at all. Raises OutputError where it exists already or cannot
     be written, and SpecError where no call is left.
     """
-    if not asked.left:
+    if not questions.left:
         raise SpecError("no call is left to be exported: every planned call has its answer")
     with _whole_folder(out) as work:
         (work / PICTURES).mkdir()
-        return _write(asked, work, progress)
+        return _write(questions, work, progress)
 
 
-def _write(asked: Questions, work: Path, progress: Callable[[int, int], None]) -> tuple[int, int]:
-    cameras = [camera.name for camera in asked.plan.bank.frames[0].cameras]
+def _write(questions: Questions, work: Path, progress: Callable[[int, int], None]) -> tuple[int, int]:
+    cameras = [camera.name for camera in questions.plan.bank.frames[0].cameras]
     names = {name: "picture" if name in {MAIN, cameras[0]} else f"picture@{name}" for name in cameras}
-    several = [MESSAGES] if asked.plan.prompt.messages else []
+    several = [MESSAGES] if questions.plan.prompt.messages else []
     columns = [*KEYS, "seed", "system", "user", *names.values(), *several, "request_sha256"]
     files: dict[str, str] = {}
     with (work / EXACT).open("w", encoding="utf-8") as exact, (work / TABLE).open("w", encoding="utf-8") as table:
         sheet = csv.writer(table, lineterminator="\n")
         sheet.writerow(columns)
-        for done, (key, query) in enumerate(asked.asked()):
+        for done, (key, query) in enumerate(questions.queries()):
             row: dict[str, object] = dict.fromkeys(columns, "")
-            call = asked.keys.call(key.condition, key.frame)
+            call = questions.keys.call(key.condition, key.frame)
             row |= dict(zip(KEYS, (call, key.repeat), strict=True))
-            row |= {"seed": key_seed(0, call) if asked.is_unnamed else query.seed, "request_sha256": query.sha256()}
+            row |= {"seed": key_seed(0, call) if questions.is_unnamed else query.seed, "request_sha256": query.sha256()}
             row |= {"system": query.system, "user": query.user}
             row |= {names[camera]: _stored(image, work, files) for camera, image in query.stimulus.images.items()}
             row |= {MESSAGES: [_message(turn, work, files) for turn in query.messages]} if query.messages else {}
             exact.write(json.dumps(row, ensure_ascii=False) + "\n")
             sheet.writerow(list(map(_cell, row.values())))
-            progress(done + 1, len(asked.left))
-    (work / ABOUT).write_text(json.dumps(_about(asked), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            progress(done + 1, len(questions.left))
+    (work / ABOUT).write_text(json.dumps(_about(questions), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     (work / README).write_text(_HOW + (_HOW_MESSAGES if several else ""), encoding="utf-8")
-    return len(asked.left), len(files)
+    return len(questions.left), len(files)
 
 
 def _cell(value: object) -> object:
@@ -266,17 +266,19 @@ def _stored(image: bytes, work: Path, files: dict[str, str]) -> str:
     return files[digest]
 
 
-def _about(asked: Questions) -> dict[str, object]:
+def _about(questions: Questions) -> dict[str, object]:
     return {
         "format": FORMAT,
         "eyechart": __version__,
-        "bank": asked.plan.bank.name,
-        "batch": asked.keys.batch,
-        "prompt": plain(asked.manifest.prompt.wording() if asked.manifest.prompt.messages else asked.manifest.prompt),
-        "seeds_of": "" if asked.is_unnamed else asked.plan.models[0],
-        "calls": len(asked.left),
-        "actions": list(asked.plan.space.actions),
-        "schema": asked.plan.space.schema(),
+        "bank": questions.plan.bank.name,
+        "batch": questions.keys.batch,
+        "prompt": plain(
+            questions.manifest.prompt.wording() if questions.manifest.prompt.messages else questions.manifest.prompt
+        ),
+        "seeds_of": "" if questions.is_unnamed else questions.plan.models[0],
+        "calls": len(questions.left),
+        "actions": list(questions.plan.space.actions),
+        "schema": questions.plan.space.schema(),
     }
 
 

@@ -76,14 +76,14 @@ def reach_of(bank: FrameBank) -> tuple[Reach, ...]:
     return tuple(_reach(label, bank) for label in LABELS)
 
 
-def unreachable_labels(bank: FrameBank, frames: tuple[Frame, ...], asked: Collection[str]) -> list[str]:
+def unreachable_labels(bank: FrameBank, frames: tuple[Frame, ...], conditions: Collection[str]) -> list[str]:
     """Return the labels that no model can get on these frames under these conditions.
 
     Conditions of later stages count as run.
     """
     if not bank.manifest.action_space.actions:
         bank = replace(bank, manifest=replace(bank.manifest, action_space=_OPEN))
-    some, left = replace(bank, frames=frames), {*BATTERY, *_DEPTH[:2]} - {*asked}
+    some, left = replace(bank, frames=frames), {*BATTERY, *_DEPTH[:2]} - {*conditions}
     parts = [spread(frames, _ENOUGH), *([frames] if len(frames) > _ENOUGH else [])]
     return [
         label
@@ -229,14 +229,14 @@ class _Ideal:
     def answers(self, choose: "Choose", *, without: Sequence[str]) -> Answers:
         """Return a controller's answers to all calls of a run; an empty word is a refusal."""
         space, gap = self.bank.manifest.action_space, self.bank.manifest.gap
-        asked = [name for name, count in calls_of(self.bank).items() if count]
-        asked += [name for name in (*RANGED, *FURTHER, "nudged", "lead_absent") if name not in without]
+        conditions = [name for name, count in calls_of(self.bank).items() if count]
+        conditions += [name for name in (*RANGED, *FURTHER, "nudged", "lead_absent") if name not in without]
         decisions = {
             name: tuple(
                 _decided(choose(self, name, place)) if is_available(name, frame) else None
                 for place, frame in enumerate(self.frames)
             )
-            for name in asked
+            for name in conditions
         }
         given = {name: decision for name, decision in decisions.items() if any(decision)}
         return Answers("", self.frames, space, gap, given, made=self.bank.manifest.provenance)

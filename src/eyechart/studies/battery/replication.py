@@ -107,14 +107,14 @@ class _Pair:
     def codes(self, level: str) -> Codes:
         """Return both runs' answers as codes (2, conditions, frames), -1 where either has none."""
         out = np.full((2, len(BATTERY), len(self._places[0])), -1, dtype=np.int16)
-        asked = np.ones(out.shape[1:], dtype=bool)
+        in_both = np.ones(out.shape[1:], dtype=bool)
         for run, (answers, places) in enumerate(zip((self.first, self.second), self._places, strict=True)):
             for name, row in self._row.items():
                 symbols = answers.symbols(name, level)[places]
-                asked[row] &= answers.responses(name)[places] != ABSENT
+                in_both[row] &= answers.responses(name)[places] != ABSENT
                 for code, symbol in enumerate(self._names):
                     out[run, row, symbols == symbol] = code
-        out[:, ~asked] = -1
+        out[:, ~in_both] = -1
         return out
 
     def test(self, codes: Codes, measure: Measure, name: str) -> Statistic:
@@ -223,9 +223,9 @@ class _Pair:
         kind = np.array([*map(kinds.index, turns), -2, -3])
         partner = np.array([kinds.index(partners.get(turn, turn)) for turn in kinds])
         real, mirrored = kind[codes[:, self._row["real"]]], codes[:, self._row["mirrored"]]
-        asked = np.isin(real, [kinds.index(turn) for turn in partners]) & (mirrored >= 0)
-        swapped = asked & (partner[real] == kind[mirrored])
-        return _ratio((swapped * weights).sum(axis=1), (asked * weights).sum(axis=1))
+        comparable = np.isin(real, [kinds.index(turn) for turn in partners]) & (mirrored >= 0)
+        swapped = comparable & (partner[real] == kind[mirrored])
+        return _ratio((swapped * weights).sum(axis=1), (comparable * weights).sum(axis=1))
 
     def diversity(self) -> dict[str, Measure]:
         """Return the modal share and the entropy of the decisions on real pictures."""

@@ -139,7 +139,7 @@ class _RequestComparison:
         bank = replace(self._bank, plain=self.plan.bank.plain)
         return replace(self.plan, bank=bank, view=find_view(self.manifest.view)).stimuli()
 
-    def compare(self, condition: str, frame: str, asked: RequestKeys) -> None:
+    def compare(self, condition: str, frame: str, requests: RequestKeys) -> None:
         """Compare the requests about a frame under a condition.
 
         Raises BankError where a picture cannot be read or is not the run's, so that nothing can be
@@ -152,13 +152,13 @@ class _RequestComparison:
         seen = (self._stored if exact else self._sent).show(condition, frame)
         self._bytes += sum(map(len, seen.pictures))
         key = CallKey(self.plan.study, "", self.plan.prompt.key, frame, condition)
-        wrong = asked.keys() - {hashed(self.plan.query(key, seen).sha256())}
+        wrong = requests.keys() - {hashed(self.plan.query(key, seen).sha256())}
         kind = condition if self._made[condition] or self.manifest.view != NONE else _OF_BANK
-        if not exact and len(wrong) < len(asked):
+        if not exact and len(wrong) < len(requests):
             self._alike.add(kind)
         if wrong:
             found = self._wrong if exact else self._unlike.setdefault(kind, [])
-            found.extend(call for digest, call in asked.items() if digest in wrong)
+            found.extend(call for digest, call in requests.items() if digest in wrong)
 
     def _leaves_as_it_is(self, condition: str, frame: str) -> bool:
         """Return whether a call's pictures are the bank's files unchanged, or it has none."""

@@ -18,7 +18,7 @@ from eyechart.kept import kept
 from eyechart.ledger import COLUMNS, Attempts, Ledger
 from eyechart.manifest import LEDGER, RunManifest, read_run
 from eyechart.models.prices import Prices, read_prices
-from eyechart.modes import made_elsewhere
+from eyechart.modes import is_made_elsewhere
 from eyechart.records import to_json_fields
 from eyechart.run import Plan, cells_of, lacking
 from eyechart.spaces.reader import READERS
@@ -159,7 +159,7 @@ class BatteryScore(CallsScore[ModelScore]):
                 directions=model.answers.directions(),
                 gap=model.answers.gap is not None,
                 scenarios=len({frame.scenario for frame in model.answers.frames}),
-                max_tokens=0 if made_elsewhere(spec) else self.manifest.mode(spec).max_tokens,
+                max_tokens=0 if is_made_elsewhere(spec) else self.manifest.mode(spec).max_tokens,
                 scope=self.scope(model),
                 stopped=model.stopped,
                 absent=absent,
@@ -176,7 +176,7 @@ class BatteryScore(CallsScore[ModelScore]):
         calls = {
             spec: f"{one.answered} of {one.planned} calls; controls may still follow"
             for spec, one in self.evidence().items()
-            if one.unfinished
+            if one.is_unfinished
         }
         return tuple(
             ModelStatistics(spec, self.bank.name, model.statistics, calls.get(spec, ""))
@@ -192,10 +192,10 @@ class BatteryScore(CallsScore[ModelScore]):
             episodes = f"no episodes recorded{', frames declared independent' if self.independent else ''}"
         who = f"{model.model}@{model.version}" if model else "each model"
         size = f"{counted(len(frames), 'frame')}, {episodes}"
-        asked = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
-        if any(made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
-            asked = f"called elsewhere and not by eyechart{'' if model else ' where its name says so'}, {asked}"
-        said = f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {asked}"
+        terms = f"with prompt {run.prompt.key} on {run.created}; not tested: other prompts, other cameras, closed loop."
+        if any(is_made_elsewhere(spec) for spec in ([model.model] if model else self.models)):
+            terms = f"called elsewhere and not by eyechart{'' if model else ' where its name says so'}, {terms}"
+        said = f"On bank {bank.name} ({bank.manifest.picture}; {size}), {who} {terms}"
         return " ".join((said, *_made_in_words(bank)))
 
 
@@ -239,11 +239,11 @@ def score(
     require_scorable(path, manifest, bank, independent=independent, reread=reread)
     if frames:
         chosen = set(frames)
-        asked = tuple(frame.id for frame in plan_of(manifest, bank).frames if frame.id in chosen)
-        if not asked or manifest.stop_early:
+        ids = tuple(frame.id for frame in plan_of(manifest, bank).frames if frame.id in chosen)
+        if not ids or manifest.stop_early:
             why = "its answers chose its frames" if manifest.stop_early else "it has none of them"
             raise SpecError(f"{path} cannot be scored on {len(chosen)} frames of its bank: {why}")
-        manifest = replace(manifest, frames=asked)
+        manifest = replace(manifest, frames=ids)
     return score_run(
         manifest, bank, path / LEDGER, resamples=resamples, independent=independent, held=True, fresh=fresh
     )
@@ -287,33 +287,33 @@ def score_run(
     """
     independent = independent or bank.manifest.independent
     how = Resampling(resamples=resamples, seed=manifest.seed)
-    plan, told = plan_of(manifest, bank), bool(manifest.prompt.fields)
+    plan, has_text = plan_of(manifest, bank), bool(manifest.prompt.fields)
     attempts = attempts_of(ledger_path, plan, kept_in=ledger_path.parent if held else None, fresh=fresh)
     if held:
         require_requests(ledger_path, attempts, manifest, plan)
-    may, asked, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
+    may, progress, answers = available_controls(manifest, plan), dict[str, ControlProgress](), dict[str, Answers]()
     series = series_of(manifest)
     for spec in manifest.models:
-        asked[spec] = asked_of_model(plan, spec, answered(attempts, plan, spec), may, series=series)
-        reading = replace(plan, controls={spec: may if manifest.stop_early else asked[spec].controls})
-        answers[spec] = answers_in(attempts, reading, spec, independent=independent, told=told)
-    wide, plan = widest(manifest, plan), staged(plan, asked)
+        progress[spec] = asked_of_model(plan, spec, answered(attempts, plan, spec), may, series=series)
+        reading = replace(plan, controls={spec: may if manifest.stop_early else progress[spec].controls})
+        answers[spec] = answers_in(attempts, reading, spec, independent=independent, has_text=has_text)
+    wide, plan = widest(manifest, plan), staged(plan, progress)
     courses, finished, said = _further(manifest, wide, ledger_path)
     spent, guards = taken(attempts, manifest, plan, read_prices(), courses)
     stopped = {spec: course.stopped(answers[spec].finished) for spec, course in courses.items()}
     for spec, course in courses.items():
         if stopped[spec] is not None:
             answers[spec] = _counting(answers[spec], course.counted)
-            asked[spec] = ControlProgress(
+            progress[spec] = ControlProgress(
                 tuple(name for name in CONTROLS if name in answers[spec].decisions), ended=True
             )
         else:
             came = sum(key in finished for key in plan.keys_of(spec))
-            answers[spec] = replace(answers[spec].under(plan.asked(spec)), finished=came)
+            answers[spec] = replace(answers[spec].under(plan.conditions_of(spec)), finished=came)
     statistics = {
         spec: _with_evidence(
             lazy_statistics(
-                answer.under(asked[spec].judged_of(plan)), how, independent=independent, said=said.get(spec)
+                answer.under(progress[spec].judged_of(plan)), how, independent=independent, said=said.get(spec)
             ),
             courses.get(spec),
             stopped.get(spec),
@@ -331,7 +331,7 @@ def score_run(
             statistics=statistics[spec],
             holm=corrected[spec],
             stopped=stopped.get(spec),
-            controls=asked[spec],
+            controls=progress[spec],
         )
         for spec, version in manifest.models.items()
     }
@@ -414,8 +414,8 @@ def taken(
 def _wanted(plan: Plan, spec: str, course: StoppingState) -> dict[tuple[str, int], Mask]:
     """Return the planned calls that a model's early stop leaves."""
     controls, keys = plan.controls.get(spec, ()), plan.keys_of(spec)
-    asked = (key for key in keys if key.condition in controls or key.condition in course.wanted(key.frame))
-    return cells_of(asked, plan.places)
+    wanted = (key for key in keys if key.condition in controls or key.condition in course.wanted(key.frame))
+    return cells_of(wanted, plan.places)
 
 
 def _counting(answers: Answers, counted: Collection[tuple[str, str]]) -> Answers:
@@ -441,7 +441,7 @@ def _with_evidence(
         return statistics
     if stopped is None:
         return {**statistics, **course.statistics()}
-    kept = {stopped.lateral_by, *(READ if stopped.whole else ())}
+    kept = {stopped.lateral_by, *(READ if stopped.is_whole else ())}
     bare = {name: statistic if name in kept else _bare(statistic) for name, statistic in statistics.items()}
     return {**bare, **course.statistics()}
 

@@ -76,19 +76,19 @@ def every_step(series: Sequence[str]) -> tuple[str, ...]:
     return tuple(one for step in steps for one in (step, *(f"{name}{OVER}{step}" for name in (*NEAR_FAR, *OTHERS))))
 
 
-def pictures_at(step: str, answers: Answers, asked: Collection[str] = ()) -> tuple[str, ...]:
+def pictures_at(step: str, answers: Answers, conditions: Collection[str] = ()) -> tuple[str, ...]:
     """Return the conditions that a step such as ``fog_3`` asks a model with these clean answers.
 
-    ``asked`` are its conditions whose answers are still to come.
+    ``conditions`` are those whose answers are still to come.
     """
-    if _moves_lead(answers, asked):
+    if _moves_lead(answers, conditions):
         return tuple(f"{name}{OVER}{step}" for name in NEAR_FAR)
     return (step, *(f"{name}{OVER}{step}" for name in OTHERS))
 
 
-def _moves_lead(answers: Answers, asked: Collection[str] = ()) -> bool:
+def _moves_lead(answers: Answers, conditions: Collection[str] = ()) -> bool:
     """Return whether braking for the near lead and for the far one can be compared."""
-    has_both = {*answers.decisions, *asked}.issuperset(NEAR_FAR)
+    has_both = {*answers.decisions, *conditions}.issuperset(NEAR_FAR)
     return has_both and answers.projection(NEAR_FAR[0], "brake") is not None
 
 
@@ -160,12 +160,12 @@ def step_in(condition: str) -> str:
 
 def series_statistics(answers: Answers, said: StepReplies) -> dict[str, Statistic]:
     """Return the effect in clean pictures and at each step that was asked; empty without a series."""
-    steps = _asked(answers)
+    steps = _steps_run(answers)
     found: dict[str, Statistic] = {CLEAN: effect_at(answers)} if steps else {}
     return {**found, **{f"{SERIES}.{step}": effect_at(answers, step, said) for step in steps}}
 
 
-def _asked(answers: Answers) -> list[str]:
+def _steps_run(answers: Answers) -> list[str]:
     """Return the steps with all pictures that they compare, in the order of the table."""
     have = {step_in(name) for name in answers.decisions}
     every = [f"{name}_{step}" for name in CORRUPTIONS for step in STEPS]
@@ -179,8 +179,8 @@ def next_steps(answers: Answers, series: Sequence[str]) -> tuple[str, ...]:
     """
     if not series or effect_at(answers).holds is not True:
         return ()
-    asked = _asked(answers)
-    found = {name: {int(one[-1]): effect_at(answers, one) for one in asked if one[:-2] == name} for name in series}
+    steps_run = _steps_run(answers)
+    found = {name: {int(one[-1]): effect_at(answers, one) for one in steps_run if one[:-2] == name} for name in series}
     steps = {name: _bisected(effects)[2] for name, effects in found.items()}
     return tuple(
         condition
@@ -205,16 +205,16 @@ def _bisected(effects: Mapping[int, StepEffect]) -> tuple[int, int, int | None]:
     return low, high, None
 
 
-def most_left(answers: Answers, series: Sequence[str], asked: Collection[str]) -> tuple[str, ...]:
+def most_left(answers: Answers, series: Sequence[str], conditions: Collection[str]) -> tuple[str, ...]:
     """Return conditions of as many steps as the series may still ask; which ones is not known yet.
 
-    ``asked`` are the model's conditions so far, answered or not.
+    ``conditions`` are the model's so far, answered or not.
     """
-    made, found = {step_in(name) for name in asked}, list[str]()
+    made, found = {step_in(name) for name in conditions}, list[str]()
     for name in series:
         own = [step for step in (f"{name}_{number}" for number in STEPS) if step not in made]
         found += own[: max(0, MOST_ASKED - (len(STEPS) - len(own)))]
-    return tuple(condition for step in found for condition in pictures_at(step, answers, asked))
+    return tuple(condition for step in found for condition in pictures_at(step, answers, conditions))
 
 
 @dataclass(frozen=True, slots=True)

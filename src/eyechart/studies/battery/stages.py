@@ -84,15 +84,17 @@ def answered(attempts: Attempts, plan: Plan, model: str) -> ModelAnswers:
         rows = rows[~attempts.error(rows, UNFINISHED)]
         return attempts.cells(rows, plan.places, plan.study, plan.prompt.key)
 
-    independent, told = plan.bank.manifest.independent, bool(plan.prompt.fields)
-    return ModelAnswers(lambda wide: answers_in(attempts, wide, model, independent=independent, told=told), finished)
+    independent, has_text = plan.bank.manifest.independent, bool(plan.prompt.fields)
+    return ModelAnswers(
+        lambda wide: answers_in(attempts, wide, model, independent=independent, has_text=has_text), finished
+    )
 
 
 def replied(replies: Iterable[tuple[CallKey, Reply]], plan: Plan, model: str) -> ModelAnswers:
     """Return a model's answers in replies, the last of each call."""
-    given, (independent, told) = list(replies), (plan.bank.manifest.independent, bool(plan.prompt.fields))
+    given, (independent, has_text) = list(replies), (plan.bank.manifest.independent, bool(plan.prompt.fields))
     return ModelAnswers(
-        lambda wide: read_answers(model, given, wide, independent=independent, told=told),
+        lambda wide: read_answers(model, given, wide, independent=independent, has_text=has_text),
         lambda: cells_of((key for key, reply in given if reply.error not in UNFINISHED), plan.places),
     )
 
@@ -125,7 +127,7 @@ def asked_of_model(
         statistics = LazyStatistics(
             CalibratedTests(part, Resampling(seed=plan.seed), sure).tests()
         )  # however the run is scored
-        wanted = controls_wanted(statistics, supplied=may, asked=judged) if may else ()
+        wanted = controls_wanted(statistics, supplied=may, conditions_run=judged) if may else ()
         wanted = wanted or next_steps(part, series)
         if not wanted:
             return ControlProgress(judged, ended=True)
@@ -136,8 +138,8 @@ def asked_of_model(
 
 def _is_older(plan: Plan, model: str, finished: Finished) -> bool:
     """Return whether an older version ran the model: all lead_absent calls, no repeats."""
-    asked = replace(plan, controls={model: (ABSENT, AGAIN)}).cells(model)
-    absent, again = ({at: cells for at, cells in asked.items() if at[0] == name} for name in (ABSENT, AGAIN))
+    cells = replace(plan, controls={model: (ABSENT, AGAIN)}).cells(model)
+    absent, again = ({at: cells for at, cells in cells.items() if at[0] == name} for name in (ABSENT, AGAIN))
     return not lacking(absent, finished) and lacking(again, finished) == sum(int(one.sum()) for one in again.values())
 
 

@@ -49,13 +49,13 @@ class FrameStudy(Study[S]):
     def manifest(self, run: Path) -> RunManifest:
         return read_manifest(run)
 
-    def asked(self, run: Path) -> tuple[RunManifest, AnySpace]:
+    def manifest_and_space(self, run: Path) -> tuple[RunManifest, AnySpace]:
         manifest = read_manifest(run)
         space = asked_space(read_bank_manifest(run / BANK), manifest.prompt, manifest.reader)
         return manifest, manifest.prompt.asks(space)
 
     def reader(self, run: Path) -> DecisionReader:
-        space = self.asked(run)[1]
+        space = self.manifest_and_space(run)[1]
         return plan_of(*read_run(run)).read if space.columns else read_in(space)
 
     def took_run(self, run: Path, prices: Prices, *, fresh: bool = False) -> RunCosts:

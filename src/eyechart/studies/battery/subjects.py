@@ -141,14 +141,14 @@ def subjects(evidence: Sequence[RunEvidence[M]]) -> list[ModelInRun[M]]:
 
 
 def find_pictures(
-    manifest: RunManifest, asked: FrameBank, run: Path, banks: Sequence[Path] = ()
+    manifest: RunManifest, run_bank: FrameBank, run: Path, banks: Sequence[Path] = ()
 ) -> tuple[FrameBank | None, str]:
     """Return the bank with the pictures of the run, or None with the reason in words."""
     why = "no bank was given"
-    for place in banks or _usual_places(manifest, asked, run):
+    for place in banks or _usual_places(manifest, run_bank, run):
         try:
             bank = open_bank(place)
-            problem = _problem(bank, manifest, asked)
+            problem = _problem(bank, manifest, run_bank)
         except BankError:
             problem = f"the bank '{place.name}' is not there or cannot be opened"
         if problem is None:
@@ -164,8 +164,8 @@ def _usual_places(manifest: RunManifest, bank: FrameBank, run: Path) -> list[Pat
     return [*held, Path(manifest.bank_path)]
 
 
-def _problem(bank: FrameBank, run: RunManifest, asked: FrameBank) -> str | None:
-    mine, recorded = bank.manifest, asked.manifest
+def _problem(bank: FrameBank, run: RunManifest, run_bank: FrameBank) -> str | None:
+    mine, recorded = bank.manifest, run_bank.manifest
     if mine.fingerprint != run.fingerprint:
         return (
             f"the bank '{bank.root.name}' has fingerprint {mine.fingerprint[:16]}, the run was made on "
@@ -173,5 +173,5 @@ def _problem(bank: FrameBank, run: RunManifest, asked: FrameBank) -> str | None:
         )
     if mine.images != recorded.images:
         return f"the bank '{bank.root.name}' has other pictures of the same geometry than the run was made on"
-    problems = check(bank.root, used_pictures(run, asked))
+    problems = check(bank.root, used_pictures(run, run_bank))
     return f"the bank '{bank.root.name}' is damaged: {len(problems)} differences" if problems else None

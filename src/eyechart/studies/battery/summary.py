@@ -82,9 +82,9 @@ def _example(
     """
     run, places, uris = evidence[0], album.places[0], album.uris
     names = _compared(run)
-    asked = [one for one in evidence if _alike(run, one, names)]
-    able = [one for one in everyone if any(one.run is each for each in asked)]
-    who = _of_each(able, asked)[:MODELS_SHOWN]
+    alike = [one for one in evidence if _is_alike(run, one, names)]
+    able = [one for one in everyone if any(one.run is each for each in alike)]
+    who = _of_each(able, alike)[:MODELS_SHOWN]
     if not who or len(names) == 1:
         return (), (), ""
     far, how = _far(who[0], len(run.frames))
@@ -92,10 +92,10 @@ def _example(
     seen = [at for at in far if all(places[name][at] >= NO_PICTURE for name in names)]
     best = _typical(seen or far, far, [column for many in said.values() for column in many])
     shots = [
-        _shot(name, uris, places[name][best], [_told(run, column, best, far) for column in said[name]])
+        _shot(name, uris, places[name][best], [_answer_cell(run, column, best, far) for column in said[name]])
         for name in names
     ]
-    more = _beside(evidence, everyone, who, asked)
+    more = _beside(evidence, everyone, who, alike)
     caption = (
         f"Frame {run.frames[best].id}, one of {len(far)} {how}. Numbers: how many of these frames got that answer."
     )
@@ -103,17 +103,17 @@ def _example(
 
 
 def _beside(
-    evidence: Sequence[Evidence], everyone: Sequence[Subject], who: Sequence[Subject], asked: Sequence[Evidence]
+    evidence: Sequence[Evidence], everyone: Sequence[Subject], who: Sequence[Subject], alike: Sequence[Evidence]
 ) -> str:
     """Return the models and runs that are not in the example, in words."""
     left = len(everyone) - len(who)
     more = f" {counted(left, 'more model', 'stand')} below." if left else ""
-    others = ", ".join(one.name for one in evidence if not any(one is each for each in asked))
+    others = ", ".join(one.name for one in evidence if not any(one is each for each in alike))
     more += f" Runs with other frames or conditions: {others}." if others else ""
     return more
 
 
-def _alike(first: Evidence, other: Evidence, names: Sequence[str]) -> bool:
+def _is_alike(first: Evidence, other: Evidence, names: Sequence[str]) -> bool:
     """Return whether a run has the frames of the first, under all of these conditions."""
     same = [frame.id for frame in first.frames] == [frame.id for frame in other.frames]
     bank = first.score.manifest.fingerprint == other.score.manifest.fingerprint
@@ -129,7 +129,7 @@ def _of_each(able: Sequence[Subject], runs: Sequence[Evidence]) -> list[Subject]
 def _compared(run: Evidence) -> list[str]:
     """Return the conditions whose pictures stand side by side: real, and the first of each kind."""
     kinds = ([name for name in kind if name in run.conditions] for kind in (NOTHING, OTHERS))
-    return ["real", *(asked[0] for asked in kinds if asked)]
+    return ["real", *(names[0] for names in kinds if names)]
 
 
 def _shot(name: str, uris: Sequence[str], at: int, answers: Sequence[tuple[str, str, str]]) -> ExamplePicture:
@@ -143,7 +143,7 @@ def _typical(seen: Sequence[int], far: Sequence[int], columns: Sequence[Sequence
     return max(seen, key=lambda at: sum(column[at] == most for column, most in zip(columns, usual, strict=True)))
 
 
-def _told(run: Evidence, said: Sequence[str], best: int, far: Sequence[int]) -> tuple[str, str, str]:
+def _answer_cell(run: Evidence, said: Sequence[str], best: int, far: Sequence[int]) -> tuple[str, str, str]:
     """Return the role of an answer, its word, and the number of frames with that answer."""
     word, space = said[best], run.score.bank.manifest.action_space
     role = space.role(word) if word in space.actions else "none"

@@ -146,8 +146,8 @@ def frontier_table(everyone: Sequence[JudgedModel]) -> Table:
     rows: list[tuple[Cell, ...]] = [(name, *(one[name] for one in made)) for name in (made[0] if made else ())]
     ended = [model.stopped for _, model, _ in everyone]
     if any(ended):
-        told = (None if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
-        rows.append(("stopped early", *told))
+        endings = (None if one is None else f"{one.calls} of {one.planned} calls" for one in ended)
+        rows.append(("stopped early", *endings))
     verdicts = [verdict for _, _, verdict in everyone]
     if any(verdict.state for verdict in verdicts):
         rows.append(("unfinished", *(verdict.progress or None for verdict in verdicts)))
@@ -189,8 +189,8 @@ UNPRINTED = ("agree(shuffled)", "V (real, blank)")
 
 def paper_tables(everyone: Sequence[Subject]) -> Iterator[Table]:
     """Yield Tables t:conditions, t:frontier and t:qwenorder of the paper, of the models given."""
-    asked = dict.fromkeys(name for who in everyone for name in who.run.conditions)
-    shown = tuple((name, (row := find_condition(name)).image, row.asks) for name in asked)
+    conditions = dict.fromkeys(name for who in everyone for name in who.run.conditions)
+    shown = tuple((name, (row := find_condition(name)).image, row.asks) for name in conditions)
     yield Table("", "", (Column("condition", "word"), *columns("text", "image", "tests")), shown).labelled(
         "t:conditions", "Blind-input conditions; only the image changes"
     )
@@ -209,10 +209,10 @@ def _counts(everyone: Sequence[Subject]) -> tuple[list[tuple[Cell, ...]], str]:
 
     A row stands in the table only where models differ in it.
     """
-    asked = [[name for name in BATTERY if name in who.run.conditions] for who in everyone]
+    conditions = [[name for name in BATTERY if name in who.run.conditions] for who in everyone]
     found = {
         "frames": [len(who.model.answers.frames) for who in everyone],
-        "conditions": [len(names) for names in asked],
+        "conditions": [len(names) for names in conditions],
     }
     rows: list[tuple[Cell, ...]] = [(name, *map(str, counts)) for name, counts in found.items() if len(set(counts)) > 1]
     return (

@@ -49,10 +49,10 @@ def scene_of(drives: Drives) -> SceneLabels:
     (forward cameras), each gap bin is divided by side.
     """
     steps = drives.steps
-    told = [None if isinstance(gap, bool) or not isinstance(gap, int | float) else gap for gap in drives.truth(GAP)]
-    if any(GAP not in step.truth for step in steps) or all(gap is None for gap in told):
+    gaps = [None if isinstance(gap, bool) or not isinstance(gap, int | float) else gap for gap in drives.truth(GAP)]
+    if any(GAP not in step.truth for step in steps) or all(gap is None for gap in gaps):
         return SceneLabels(np.zeros(len(steps), dtype=np.int64), "")
-    bins = quantile_bins(told, BINS)
+    bins = quantile_bins(gaps, BINS)
     if not all(SIDE in step.truth for step in steps):
         return SceneLabels(bins.codes, GAP_ALONE)
     sides = np.array([str(step.truth[SIDE]) for step in steps], dtype=np.str_)
@@ -81,7 +81,9 @@ class Degeneracy:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        own = to_json_fields(self, "geometry constant label statistics holm_naive holm", missing=self.reasons)
+        own = to_json_fields(
+            self, "geometry label statistics holm_naive holm", constant=self.is_constant, missing=self.reasons
+        )
         return self.driver.as_dict() | own
 
     @property
@@ -90,7 +92,7 @@ class Degeneracy:
         return (self.statistics["distinct_actions"].value or 0) > 1
 
     @property
-    def constant(self) -> bool:
+    def is_constant(self) -> bool:
         """Return whether the policy is constant: a modal share of .98 or more."""
         modal = self.statistics["modal_share"].value
         return modal is not None and modal >= MODAL_CONSTANT
@@ -100,7 +102,7 @@ class Degeneracy:
         """Return the row's result: constant, follows the scene, varies only, or cannot say."""
         if self.statistics["modal_share"].value is None:
             return "no decisions"
-        if self.constant:
+        if self.is_constant:
             return "constant"
         if self.holm is None:
             return "cannot say"
@@ -114,7 +116,7 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
     another.
     """
     rows = [degeneracy(drive, resamples=resamples) for drive in drives]
-    table = [in_table(drive) for drive in drives]
+    table = [is_in_table(drive) for drive in drives]
     for family in (True, False):
         mine = [place for place, inside in enumerate(table) if inside == family]
         for place, row in zip(mine, corrected([rows[place] for place in mine]), strict=True):
@@ -122,9 +124,9 @@ def audit(drives: Sequence[Drives], *, resamples: int = 5000) -> list[Degeneracy
     return rows
 
 
-def in_table(drives: Drives) -> bool:
+def is_in_table(drives: Drives) -> bool:
     """Return whether a driver is a model with real pictures: a row of Table t:degeneracy."""
-    return bool(drives.asked and drives.driver.condition == "real")
+    return bool(drives.is_model and drives.driver.condition == "real")
 
 
 def corrected(rows: Sequence[Degeneracy]) -> list[Degeneracy]:
@@ -152,7 +154,7 @@ def measured(
     """
     found = []
     for drive in drives:
-        if in_table(drive):
+        if is_in_table(drive):
             row = degeneracy(drive, resamples=resamples).statistics
             also = {name: row[mine] for name, mine in BITS.items()}
             who = drive.driver.policy
@@ -262,8 +264,8 @@ def _share(information: Statistic, entropy: Statistic) -> Statistic:
 
 def _demand(step: Step) -> str | None:
     """Return the safety policy's action (the truth's column ``demand``)."""
-    asked = step.truth.get("demand")
-    return asked if isinstance(asked, str) else None
+    demand = step.truth.get("demand")
+    return demand if isinstance(demand, str) else None
 
 
 def _oracle(step: Step) -> str | None:
@@ -309,9 +311,9 @@ def replays(drives: Drives, *, resamples: int = 5000) -> list[ReplayComparison]:
     """Return a driver's comparison with each controller that the truth allows, by decisions."""
     result = []
     for name, controller in CONTROLLERS.items():
-        asked = [controller(step) for step in drives.steps]
-        if any(one is not None and one in drives.space.actions for one in asked):
-            whole = np.array([one or "" for one in asked], dtype=np.str_)
+        demanded = [controller(step) for step in drives.steps]
+        if any(one is not None and one in drives.space.actions for one in demanded):
+            whole = np.array([one or "" for one in demanded], dtype=np.str_)
             decided = (drives.actions != "") & (whole != "")
             actions, wanted, worlds = drives.actions[decided], whole[decided], drives.world_of[decided]
             seed = key_seed("replay", drives.driver.simulator, drives.driver.policy, drives.driver.condition, name)
@@ -331,9 +333,9 @@ def _agreement(hits: NDArray[np.bool_], worlds: NDArray[np.str_]) -> Statistic:
     return replace(rate(int(hits.sum()), len(hits)), note=statistic.note) if statistic.ci is None else statistic
 
 
-def _shuffled(actions: NDArray[np.str_], asked: NDArray[np.str_], seed: int, resamples: int) -> Statistic:
+def _shuffled(actions: NDArray[np.str_], demanded: NDArray[np.str_], seed: int, resamples: int) -> Statistic:
     """Return how often the same decisions agree in random order."""
-    names, codes = np.unique(np.concatenate([actions, asked]), return_inverse=True)
+    names, codes = np.unique(np.concatenate([actions, demanded]), return_inverse=True)
     table = np.zeros((len(names), len(names)), dtype=np.int64)
     np.add.at(table, (codes[: len(actions)], codes[len(actions) :]), 1)
     return permute_agreement(table, seed=seed, resamples=resamples)

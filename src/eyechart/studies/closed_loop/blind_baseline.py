@@ -15,7 +15,7 @@ from eyechart.episodes import Step
 from eyechart.records import to_json_fields
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.closed_loop.drives import UNDECIDED, Driver, Drives, undecided_share
-from eyechart.studies.closed_loop.identical_drives import same_drive
+from eyechart.studies.closed_loop.identical_drives import is_same_drive
 from eyechart.studies.closed_loop.ladder import LEVEL, PairedDifference, SuccessCriteria, corrected, paired
 from eyechart.verdicts.labels import SIGHT, Label
 from eyechart.verdicts.rules import Axis, Rule, compared, fact, p_below
@@ -100,7 +100,7 @@ class BlindBaseline:
     @property
     def sentence(self) -> str:
         """Return the comparison in words, after the driver and the pictures."""
-        who = f"{self.driver.policy}, {self.condition}: " if self.of_pictures else ""
+        who = f"{self.driver.policy}, {self.condition}: " if self.is_of_pictures else ""
         return who + " ".join(filter(None, [self.shows, self.unasked, self.rest]))
 
     @property
@@ -126,12 +126,12 @@ class BlindBaseline:
         return asks(self.condition)
 
     @property
-    def of_camera(self) -> bool:
+    def is_of_camera(self) -> bool:
         """Return whether it tests what the camera shows, with pictures of another world."""
         return self.asks == CAMERA
 
     @property
-    def of_pictures(self) -> bool:
+    def is_of_pictures(self) -> bool:
         """Return whether it tests pictures; the own marginal is another driver, so it does not."""
         return self.asks != MOMENT
 
@@ -207,7 +207,7 @@ def asks(condition: str) -> str:
     return ASKS.get(name) or CONDITIONS[name].asks.removesuffix("?")
 
 
-def _unseen(condition: str) -> bool:
+def _is_unseen(condition: str) -> bool:
     return condition.partition(OVER)[0] in UNSEEN
 
 
@@ -238,7 +238,9 @@ def _ruling(
     real: Drives, other: Drives, difference: PairedDifference, condition: str, tests: int, *, failed: bool = False
 ) -> Ruling:
     """Return the ruling on a driver under a condition, from drives in the same worlds."""
-    same = sum(same_drive(real.by_world[name], other.by_world[name]) for name in real.by_world.keys() & other.by_world)
+    same = sum(
+        is_same_drive(real.by_world[name], other.by_world[name]) for name in real.by_world.keys() & other.by_world
+    )
     name, what = (
         min(OUTCOMES, key=lambda outcome: 2.0 if (p := difference.holm.get(outcome)) is None else p),
         asks(condition),
@@ -250,7 +252,7 @@ def _ruling(
         **fact("failed", holds=failed),
         **fact("of_camera", holds=what == CAMERA),
         **fact("of_itself", holds=what == REPEAT),
-        **fact("shows_nothing", holds=what in {CAMERA, MOMENT} or _unseen(condition)),
+        **fact("shows_nothing", holds=what in {CAMERA, MOMENT} or _is_unseen(condition)),
     }
     ruling = DRIVES.evaluate(known)
     return replace(ruling, decided_by=name) if ruling.decided_by == "difference" else ruling
@@ -323,7 +325,7 @@ def _dependence(condition: str) -> str:
 def _independence(condition: str) -> str:
     if asks(condition) == REPEAT:
         return "It had the same pictures both times, and repeats itself."
-    what = "the picture" if _unseen(condition) else asks(condition)
+    what = "the picture" if _is_unseen(condition) else asks(condition)
     return f"In these worlds {what} has no influence on how it drives."
 
 
@@ -334,7 +336,7 @@ def _failed(real: Drives, other: Drives) -> str:
     worlds = sorted(real.by_world.keys() & other.by_world.keys())
     steps = [[step for name in worlds for step in one.by_world[name].steps] for one in (real, other)]
     decided = [[step.decision.action is not None for step in mine] for mine in steps]
-    alike = bool(worlds) and all(same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
+    alike = bool(worlds) and all(is_same_drive(real.by_world[name], other.by_world[name]) for name in worlds)
     if alike and decided[0] != decided[1]:
         return (
             "cannot say whether the picture matters: the drives are the same, but not the decisions. At some steps it "
@@ -372,11 +374,11 @@ def _completion(real: Drives, other: Drives, outcomes: SuccessCriteria) -> str:
     worlds = real.by_world.keys() & other.by_world.keys()
     if not worlds:
         return ""
-    with_real = sum(outcomes.success(real.by_world[name]) for name in worlds)
-    without = sum(outcomes.success(other.by_world[name]) for name in worlds)
+    with_real = sum(outcomes.is_success(real.by_world[name]) for name in worlds)
+    without = sum(outcomes.is_success(other.by_world[name]) for name in worlds)
     n, condition = len(worlds), other.driver.condition
     counts = f"It completes {with_real} of {n} with real pictures and {without} of {n} with {condition} ones"
-    if without and not _unseen(condition):
+    if without and not _is_unseen(condition):
         what = "completion" if without >= with_real else "what it completes either way"
         return f"{counts}: {what} does not show that it reads what the camera shows correctly."
     if without and without >= with_real:

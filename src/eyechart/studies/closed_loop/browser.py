@@ -155,7 +155,7 @@ def _episode(drives: Drives, episode: Episode, album: _Album, texts: _Texts) -> 
         **to_json_fields(episode, "ended detail"),
         "distance": _rounded(episode.distance_m, 1),
         "reward": round(episode.reward, 2),
-        "crashed": episode.crashed,
+        "crashed": episode.has_crashed,
         "steps": steps,
         "pictures": album.places.get((drives.driver.label, episode_id(episode)), []),
     }

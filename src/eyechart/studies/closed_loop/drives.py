@@ -64,7 +64,7 @@ class Driver(JsonRecord):
 class Drives:
     """The episodes of one driver that count, by world; ``errors`` are those that ended in an error.
 
-    ``asked`` says whether the driver is a model. ``marginal_of`` names the driver of the same run
+    ``is_model`` says whether the driver is a model. ``marginal_of`` names the driver of the same run
     whose marginal this is.
     """
 
@@ -73,7 +73,7 @@ class Drives:
     episodes: tuple[Episode, ...]
     errors: tuple[Episode, ...]
     space: Discrete
-    asked: bool
+    is_model: bool
     marginal_of: str = ""
 
     @cached_property
@@ -118,7 +118,7 @@ class Drives:
     @cached_property
     def replies(self) -> tuple[tuple[str, Reply, str], ...]:
         """Return the replies in the order of sending: frame, reply, digest of the request."""
-        if not self.asked:
+        if not self.is_model:
             return ()
         with Ledger(self.path / LEDGER, absent=True) as ledger:
             prefix, whose = f"{self.driver.simulator}/", (STUDY, self.driver.condition)
@@ -179,13 +179,13 @@ def _once(episodes: Iterable[Episode], path: Path) -> list[Episode]:
 def _hold(episode: Episode, manifest: EpisodesManifest, path: Path) -> None:
     """Raise LedgerError for an episode with a name that the run does not have."""
     key, actions = episode.key, {None, *manifest.action_space.actions}
-    asked = {
+    named = {
         "simulator": (key.simulator, {manifest.simulator}),
         "policy": (key.policy, set(manifest.policies)),
         "condition": (key.condition, set(manifest.conditions)),
         "scenario": (key.scenario, set(manifest.scenarios)),
     }
-    wrong = next((f"the {what} '{name}'" for what, (name, known) in asked.items() if name not in known), None)
+    wrong = next((f"the {what} '{name}'" for what, (name, known) in named.items() if name not in known), None)
     for step in () if wrong else episode.steps:
         if odd := [one for one in (step.decision.action, step.executed_action) if one not in actions]:
             wrong = f"the action '{odd[0]}' at step {step.step}"
@@ -210,7 +210,7 @@ def _drivers(path: Path, name: str, episodes: Sequence[Episode], manifest: Episo
         mine = sorted(groups[driver], key=lambda one: (one.key.scenario, one.key.seed))
         good = tuple(one for one in mine if one.ended != ERROR)
         bad = tuple(one for one in mine if one.ended == ERROR)
-        asked = driver.policy in manifest.models
+        is_model = driver.policy in manifest.models
         own = manifest.marginal_of(driver.policy)
-        drivers.append(Drives(driver, path, good, bad, manifest.action_space, asked=asked, marginal_of=own))
+        drivers.append(Drives(driver, path, good, bad, manifest.action_space, is_model=is_model, marginal_of=own))
     return drivers

@@ -60,8 +60,8 @@ def repeated_requests(drives: Drives) -> RepeatedRequests | None:
     """
     first: dict[str, Reply] = {}
     again: list[tuple[Reply, Reply]] = []
-    for _, reply, asked in drives.replies:
-        if reply.error is None and asked and (before := first.setdefault(asked, reply)) is not reply:
+    for _, reply, request in drives.replies:
+        if reply.error is None and request and (before := first.setdefault(request, reply)) is not reply:
             again.append((before, reply))
     if len(again) < FEWEST_REPEATS:
         return None
@@ -109,7 +109,7 @@ class ReplyComparison:
         return self.compared > 0 and self.same >= VERBATIM * self.compared
 
     @property
-    def beyond_decisions(self) -> bool:
+    def is_beyond_decisions(self) -> bool:
         """Return whether the same texts show more than the same decisions do."""
         return self.beyond >= FEWEST_REPEATS
 
@@ -117,7 +117,7 @@ class ReplyComparison:
 def wording(one: Drives, other: Drives, worlds: Sequence[str]) -> ReplyComparison:
     """Return the comparison of two drivers' replies in some worlds, from their ledgers."""
     mine, theirs = (
-        {frame: (reply, asked) for frame, reply, asked in each.replies if frame.rpartition("/")[0] in worlds}
+        {frame: (reply, request) for frame, reply, request in each.replies if frame.rpartition("/")[0] in worlds}
         for each in (one, other)
     )
     both = sorted(mine.keys() & theirs.keys())
@@ -178,7 +178,7 @@ class IdenticalEpisodes:
         }
 
 
-def same_drive(episode: Episode, other: Episode) -> bool:
+def is_same_drive(episode: Episode, other: Episode) -> bool:
     """Return whether two episodes of one world went the same way to the last digit.
 
     The decisions may differ.
@@ -199,7 +199,7 @@ def identical_groups(drives: Sequence[Drives]) -> list[IdenticalEpisodes]:
     pairs: dict[str, dict[tuple[str, ...], list[tuple[Drives, Drives]]]] = {kind: {} for kind in WHY}
     for one, other in itertools.combinations(drives, 2):
         common = sorted(one.by_world.keys() & other.by_world.keys())
-        if worlds := [world for world in common if same_drive(one.by_world[world], other.by_world[world])]:
+        if worlds := [world for world in common if is_same_drive(one.by_world[world], other.by_world[world])]:
             pairs[_kind(one, other, worlds)].setdefault(tuple(worlds), []).append((one, other))
     result = []
     for kind, by_worlds in pairs.items():
@@ -216,11 +216,11 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     constant = all(_modal(each)[1] >= MODAL_CONSTANT for each in (mine, theirs))
     if mine != theirs:
         declared = commands_of(one)
-        asked = [(declared.get(a, a), declared.get(b, b)) for a, b in zip(mine, theirs, strict=True)]
-        return ALIASED if all(a == b for a, b in asked) else NO_EFFECT
+        actions = [(declared.get(a, a), declared.get(b, b)) for a, b in zip(mine, theirs, strict=True)]
+        return ALIASED if all(a == b for a, b in actions) else NO_EFFECT
     if constant:
         return CONVERGED
-    if not (one.asked and other.asked):
+    if not (one.is_model and other.is_model):
         return SCRIPTED if one.driver.policy != other.driver.policy else REPEATS
     return _kind_of_models(one, other, worlds)
 
@@ -228,14 +228,14 @@ def _kind(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
 def _kind_of_models(one: Drives, other: Drives, worlds: Sequence[str]) -> str:
     """Return the kind of two models' drives whose decisions vary but are equal in some worlds."""
     mostly = len(worlds) >= MOSTLY * len(one.by_world.keys() & other.by_world.keys())
-    told = wording(one, other, worlds)
+    comparison = wording(one, other, worlds)
     if one.driver.policy == other.driver.policy:
-        if mostly and told.is_verbatim and told.faster:
+        if mostly and comparison.is_verbatim and comparison.faster:
             return SUSPECT
         return REPEATS if one.driver.condition == other.driver.condition else COINCIDE
-    if mostly and told.is_verbatim and (told.beyond_decisions or told.faster):
+    if mostly and comparison.is_verbatim and (comparison.is_beyond_decisions or comparison.faster):
         return SUSPECT
-    return ALIKE if mostly and (told.is_verbatim or not told.compared) else COINCIDE
+    return ALIKE if mostly and (comparison.is_verbatim or not comparison.compared) else COINCIDE
 
 
 def _executed(drives: Drives, worlds: Sequence[str]) -> list[str]:
@@ -309,7 +309,7 @@ def _no_effect(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 def _repeats(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
-    if not any(one.asked for one in group):
+    if not any(one.is_model for one in group):
         return "a policy that calls no model makes the same decisions again, as it should."
     return (
         "the same model makes the same decisions again. Without sampling that is expected; with sampling it would "
@@ -319,7 +319,7 @@ def _repeats(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 def _scripted(group: Sequence[Drives], same: Sequence[str]) -> str:
     del same
-    scripted = [one.driver.label for one in group if not one.asked]
+    scripted = [one.driver.label for one in group if not one.is_model]
     if len(scripted) == len(group):
         return "none of them calls a model: in these worlds their rules give the same actions."
     return f"the decisions are those of {' and '.join(scripted)}, which calls no model: one rule, no cache."
@@ -336,10 +336,10 @@ def _coincide(group: Sequence[Drives], same: Sequence[str]) -> str:
 
 
 def _alike(group: Sequence[Drives], same: Sequence[str]) -> str:
-    told = wording(group[0], group[1], same)
+    comparison = wording(group[0], group[1], same)
     why = "no replies of both can be compared"
-    if told.compared:
-        why = f"{told.words}, but nearly each follows from its decision and shows no more"
+    if comparison.compared:
+        why = f"{comparison.words}, but nearly each follows from its decision and shows no more"
     return (
         f"their decisions vary and are the same at every step; {why}. Equal rules, one model behind two names, and a "
         "cache would all look like this. A prompt that demands reasons in the reply tells them apart."

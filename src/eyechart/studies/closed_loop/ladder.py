@@ -105,9 +105,9 @@ class SuccessCriteria:
 
     with_goal: frozenset[tuple[str, str]]
 
-    def success(self, episode: Episode) -> bool:
+    def is_success(self, episode: Episode) -> bool:
         """Return whether an episode ended successfully, without a crash."""
-        if episode.crashed:
+        if episode.has_crashed:
             return False
         goal = (episode.key.simulator, episode.key.scenario) in self.with_goal
         return episode.ended == "goal" or (episode.ended == "time" and not goal)
@@ -164,13 +164,13 @@ def rung(drives: Drives, outcomes: SuccessCriteria) -> LadderRow:
     episodes = drives.episodes
     statistics: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
-        told = [value for episode in episodes if (value := measure(episode)) is not None]
-        if episodes and not told:
+        values = [value for episode in episodes if (value := measure(episode)) is not None]
+        if episodes and not values:
             statistics[name] = not_available(UNTOLD)
             continue
-        statistics[name] = mean_of_drives(told)
-    statistics["crash_rate"] = exact_rate(sum(episode.crashed for episode in episodes), len(episodes))
-    statistics["success_rate"] = exact_rate(sum(map(outcomes.success, episodes)), len(episodes))
+        statistics[name] = mean_of_drives(values)
+    statistics["crash_rate"] = exact_rate(sum(episode.has_crashed for episode in episodes), len(episodes))
+    statistics["success_rate"] = exact_rate(sum(map(outcomes.is_success, episodes)), len(episodes))
     return LadderRow(drives.driver, statistics, len(drives.errors))
 
 
@@ -204,18 +204,18 @@ def paired(first: Drives, second: Drives, outcomes: SuccessCriteria, *, resample
     statistics: dict[str, Statistic] = {}
     for name, measure in NUMBERS.items():
         pairs = [(measure(mine), measure(theirs)) for mine, theirs in zip(one, other, strict=True)]
-        told = [(mine, theirs) for mine, theirs in pairs if mine is not None and theirs is not None]
-        if pairs and not told:
+        known = [(mine, theirs) for mine, theirs in pairs if mine is not None and theirs is not None]
+        if pairs and not known:
             statistics[name] = not_available(UNTOLD)
             continue
-        a, b = np.array([mine for mine, _ in told]), np.array([theirs for _, theirs in told])
+        a, b = np.array([mine for mine, _ in known]), np.array([theirs for _, theirs in known])
         seed = key_seed("paired", *who, name)
         tested = sign_flip_test(a, b, seed=seed, resamples=resamples)
         if tested.value is not None and (a != b).any():
             tested = replace(tested, note=tested.note or NO_INTERVAL)
         statistics[name] = tested
-    statistics["crash_rate"] = _binary([each.crashed for each in one], [each.crashed for each in other])
-    statistics["success_rate"] = _binary(list(map(outcomes.success, one)), list(map(outcomes.success, other)))
+    statistics["crash_rate"] = _binary([each.has_crashed for each in one], [each.has_crashed for each in other])
+    statistics["success_rate"] = _binary(list(map(outcomes.is_success, one)), list(map(outcomes.is_success, other)))
     return PairedDifference(first.driver, second.driver, len(worlds), statistics, {})
 
 

@@ -68,22 +68,23 @@ def _dots(rungs: Sequence[LadderRow], name: str, across: float = WIDE) -> Drawin
     rows = [(who.label, one, BLUE, who.policy.startswith("constant:")) for who, one in found]
     title = NAMES[name] if form.scale == 1.0 else f"{NAMES[name]} (%)"
     figure = dots(rows, f"{title}; {_BEST[name]}", form.scale, across=across)
-    told = "; ".join(f"{who.label}: {form.shown(one)}" for who, one in found)
-    says = f"Dots; rates with 95 % intervals; hollow: constant policies. {told}"
+    description = "; ".join(f"{who.label}: {form.shown(one)}" for who, one in found)
+    says = f"Dots; rates with 95 % intervals; hollow: constant policies. {description}"
     return Drawing(f"ladder-{name}", f"The ladder: {title}", says, figure)
 
 
 def _paired(baselines: Mapping[str, BlindBaseline], name: str, across: float = WIDE) -> Drawing:
-    form, rows, told = SIGNED[name], [], []
+    form, rows, descriptions = SIGNED[name], [], []
     for label, baseline in baselines.items():
         value = baseline.paired.differences[name]
         differs = name in baseline.paired.changed
         rows.append((label, value, BLUE if differs else MUTED, not differs))
-        told.append(f"{label}: {form.shown(value)}{', significant' if differs else ''}")
+        descriptions.append(f"{label}: {form.shown(value)}{', significant' if differs else ''}")
     what = NAMES[name].partition(" (")[0]
     figure = dots(rows, f"{what}, real less other{_UNITS[name]}", form.scale, zero=True, across=across)
     says = (
-        f"Differences in the same worlds, rates with 95 % intervals; filled: significant after Holm. {'; '.join(told)}"
+        f"Differences in the same worlds, rates with 95 % intervals; filled: significant after Holm. "
+        f"{'; '.join(descriptions)}"
     )
     return Drawing(f"blind-{name}", f"Real pictures less others: {NAMES[name]}", says, figure)
 
@@ -99,8 +100,8 @@ def information(rows: Sequence[Degeneracy]) -> list[Drawing]:
         return []
     names = ("action entropy over the drives (bits)", "I(A; scene) (bits)", "varied, and not about the scene")
     figure = scattered(points[:MOST_ROWS], *names)
-    told = "; ".join(f"{name}: entropy {x:.2f}, information {y:.3f}" for name, x, y in points)
-    says = f"High entropy with information near 0 (lower right) is variety without the scene. {told}."
+    description = "; ".join(f"{name}: entropy {x:.2f}, information {y:.3f}" for name, x, y in points)
+    says = f"High entropy with information near 0 (lower right) is variety without the scene. {description}."
     title = "Action entropy against information about the scene"
     return [Drawing("drives-information", title, says, figure, wide=True)]
 
@@ -115,26 +116,29 @@ _ANSWERS = {
 
 def opening(score: ClosedLoopScore) -> PageSummary:
     """Return the opening of a page of drives: which drive by sight, and the best by score."""
-    told = blind_comparisons(score)
+    comparisons = blind_comparisons(score)
     said = [
         VerdictSummary(who, baseline.label.says, baseline.label.family, shows, why, "blind")
-        for who, baseline in told.items()
+        for who, baseline in comparisons.items()
         for shows, why in [comparison_words(baseline)]
     ]
-    if not told:
+    if not comparisons:
         sentence = "Driving by sight was not tested: no driver drove the same worlds with other pictures too."
     else:
         sentence = parted(said, _ANSWERS, "drivers that were shown other pictures too")
-    others = "shuffled ones" if all(baseline.of_camera for baseline in told.values()) else "others"
+    others = "shuffled ones" if all(baseline.is_of_camera for baseline in comparisons.values()) else "others"
     caption = f"Real pictures less {others}; right of the line: better with real ones. Filled: significant."
     return PageSummary(
-        f"{sentence} {' '.join(_best(score))}".strip(), said, figure=sight(score, told), caption=caption if told else ""
+        f"{sentence} {' '.join(_best(score))}".strip(),
+        said,
+        figure=sight(score, comparisons),
+        caption=caption if comparisons else "",
     )
 
 
 def _found(baseline: BlindBaseline) -> str:
     """Return the finding of a comparison in words, with the subject of a difference."""
-    what = baseline.asks if baseline.of_pictures else "the timing of its actions matters"
+    what = baseline.asks if baseline.is_of_pictures else "the timing of its actions matters"
     return f"differs: {what}" if baseline.finding == DIFFERS else SIGHT[baseline.finding].says
 
 

@@ -148,7 +148,7 @@ class ClosedLoopScore:
         return measured(self.drives, lacking, resamples=self.resamples)
 
     @property
-    def suspect(self) -> bool:
+    def is_suspect(self) -> bool:
         """Return whether anything points to a cache."""
         return any(twin.kind == SUSPECT for twin in self.twins) or any(repeat.suspect for repeat in self.repeats)
 
@@ -222,13 +222,13 @@ class EpisodeStudy(Study[S]):
     def manifest(self, run: Path) -> EpisodesManifest:
         return episodes.read_manifest(run)
 
-    def asked(self, run: Path) -> tuple[EpisodesManifest, AnySpace]:
+    def manifest_and_space(self, run: Path) -> tuple[EpisodesManifest, AnySpace]:
         manifest = self.manifest(run)
         return manifest, manifest.prompt.asks(manifest.action_space)
 
     def took_run(self, run: Path, prices: Prices, *, fresh: bool = False) -> RunCosts:
         del fresh  # of policies and drives no columns are kept
-        manifest, space = self.asked(run)
+        manifest, space = self.manifest_and_space(run)
         costs = RunCosts(probes=dict(manifest.probes))
         if (run / LEDGER).is_file():
             with Ledger(run / LEDGER) as ledger:
@@ -275,8 +275,8 @@ class ClosedLoop(EpisodeStudy[ClosedLoopScore]):
     def findings(self, score: ClosedLoopScore) -> Mapping[str, ModelSummary]:
         from eyechart.studies.closed_loop.visual_dependence import findings
 
-        asked = dict.fromkeys((drive.driver.policy for drive in score.drives if drive.asked), NO_VERDICT)
-        return {**asked, **findings(score)}
+        unjudged = dict.fromkeys((drive.driver.policy for drive in score.drives if drive.is_model), NO_VERDICT)
+        return {**unjudged, **findings(score)}
 
     def whole(self, folder: Path, reading: ReadOptions, tell: Tell) -> tuple[ClosedLoopScore, StudyReport]:
         scored = self.score(folder, reading)

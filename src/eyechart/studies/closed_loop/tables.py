@@ -16,7 +16,7 @@ from eyechart.studies.closed_loop import (
     PairedDifference,
     ReplayComparison,
 )
-from eyechart.studies.closed_loop.audit import in_table
+from eyechart.studies.closed_loop.audit import is_in_table
 
 PUBLISHED: Mapping[str, Mapping[str, float]] = {
     "constant:SLOW": {"distance_m": 514.4, "reward": 19.64, "speed_mps": 20.1, "crash_rate": 0.031},
@@ -210,8 +210,8 @@ def paper_tables(score: ClosedLoopScore) -> Iterator[Table]:
 
 def degeneracy_audit(score: ClosedLoopScore) -> list[Degeneracy]:
     """Return the audit of models with real pictures, as in Table t:degeneracy and figure fgr:mi."""
-    asked = {drive.driver for drive in score.drives if in_table(drive)}
-    return [degeneracy for degeneracy in score.audit if degeneracy.driver in asked]
+    listed = {drive.driver for drive in score.drives if is_in_table(drive)}
+    return [degeneracy for degeneracy in score.audit if degeneracy.driver in listed]
 
 
 def baselines_table(rungs: Sequence[LadderRow]) -> Table:
@@ -234,8 +234,8 @@ def audited_table(rows: Sequence[Degeneracy]) -> Table:
     made = []
     for row in rows:
         found = [row.statistics[name] for name in names]
-        told = (*(found[2:] if row.varies else (None, None)), row.holm_naive, row.holm)
-        made.append((row.driver.simulator, row.driver.label, *found[:2], *told))
+        tests = (*(found[2:] if row.varies else (None, None)), row.holm_naive, row.holm)
+        made.append((row.driver.simulator, row.driver.label, *found[:2], *tests))
     named = (
         *(Column("platform", "word"), Column("model")),
         *(Column("modal", "estimate", beside=""), Column("H (b)", "estimate", 2, beside="")),
@@ -364,7 +364,7 @@ def degeneracy_words(rows: Sequence[Degeneracy]) -> list[str]:
     )
     for row in rows:
         safe = row.statistics["information_episode_safe"]
-        if safe.value is None and safe.p is None and not row.constant:
+        if safe.value is None and safe.p is None and not row.is_constant:
             words.append(f"{row.driver.label}: no episode-safe p: {safe.note}")
     return words
 

@@ -11,10 +11,10 @@ def blind_comparisons(score: ClosedLoopScore) -> dict[str, BlindBaseline]:
     Where models drove, only they count, and not the scripted policies beside them.
     """
     baselines: dict[str, BlindBaseline] = {}
-    asked = {drive.driver.label for drive in score.drives if drive.asked}
-    for one in (one for one in score.blind if one.of_pictures and (not asked or one.driver.label in asked)):
+    models = {drive.driver.label for drive in score.drives if drive.is_model}
+    for one in (one for one in score.blind if one.is_of_pictures and (not models or one.driver.label in models)):
         who = named(one, score)
-        if who not in baselines or (one.of_camera and not baselines[who].of_camera):
+        if who not in baselines or (one.is_of_camera and not baselines[who].is_of_camera):
             baselines[who] = one
     return baselines
 

@@ -122,9 +122,9 @@ def replay(frozen: FrozenGuardian, table: VoteTable, read: ReadScenes) -> Modula
         for model in frozen.committee
         if (missing := table.missing(model))
     ]
-    told = np.array(rows, dtype=np.float64)
+    outcomes = np.array(rows, dtype=np.float64)
     _, codes = np.unique(drives, return_inverse=True)
-    share = partial(_share, told, codes)
+    share = partial(_share, outcomes, codes)
     return ModularReplay(
         agreement=share(_AGREES),
         agreement_answered=share(_AGREES, of=_ANSWERED),
@@ -132,7 +132,7 @@ def replay(frozen: FrozenGuardian, table: VoteTable, read: ReadScenes) -> Modula
         ceiling_answered=share(_PERFECT, of=_ANSWERED),
         answered=share(_ANSWERED),
         equivariance=share(_MIRRORED),
-        directional=int(told[:, _TURNS].sum()),
+        directional=int(outcomes[:, _TURNS].sum()),
         actions=actions,
         unread=tuple(unread),
         warnings=(*table.unfinished_words(frozen.committee), *few),
@@ -150,10 +150,10 @@ def _row(answer: str, truth: str, scenes: Scenes) -> tuple[bool, ...]:
     return answer != "abstain", action == reference, right, reflected == MIRROR.get(action, action), reference in MIRROR
 
 
-def _share(told: Floats, episodes: Ints, column: int, of: int | None = None) -> Statistic:
+def _share(outcomes: Floats, episodes: Ints, column: int, of: int | None = None) -> Statistic:
     """Return the share of frames for which a column holds, with its interval over episodes."""
-    among = np.ones(len(told)) if of is None else told[:, of]
-    hits = np.bincount(episodes, weights=told[:, column] * among)
+    among = np.ones(len(outcomes)) if of is None else outcomes[:, of]
+    hits = np.bincount(episodes, weights=outcomes[:, column] * among)
     return share_over_episodes(hits, np.bincount(episodes, weights=among))
 
 

@@ -119,6 +119,6 @@ def _within(estimate: Estimate, close_m: float) -> Vote | None:
     if gap_m is not None and gap_m < close_m and not estimate.close:
         return Vote(None, "contradicts_itself", f"{gap_m:g} m and not close, which is below {close_m:g} m")
     if estimate.close and (gap_m is None or gap_m > close_m):
-        told = "no lead" if gap_m is None else f"{gap_m:g} m"
-        return Vote(None, "contradicts_itself", f"{told} and close, which is below {close_m:g} m")
+        gap_words = "no lead" if gap_m is None else f"{gap_m:g} m"
+        return Vote(None, "contradicts_itself", f"{gap_words} and close, which is below {close_m:g} m")
     return Vote(None, "no_confidence") if estimate.confidence == 0 else None

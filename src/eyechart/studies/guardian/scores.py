@@ -333,7 +333,7 @@ def _warnings(frozen: FrozenGuardian, table: VoteTable) -> tuple[str, ...]:
         )
     if len(set(table.episodes)) < 2:
         found.append("all frames are of one episode, so there is no interval over episodes")
-    if frozen.about.lax:
+    if frozen.about.is_lax:
         found.append(LAX.format(version=frozen.made_by))
     if lacking := frozen.about.unrecorded(frozen.committee):
         found.append(f"not recorded, so a change of it cannot be noticed: {', '.join(lacking)}")

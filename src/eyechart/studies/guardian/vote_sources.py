@@ -113,14 +113,14 @@ def _models(path: Path, columns: Sequence[str]) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-def _places(path: Path, have: Sequence[str], asked: Mapping[str, str], *, with_bank: bool) -> dict[str, str]:
+def _places(path: Path, have: Sequence[str], mapped: Mapping[str, str], *, with_bank: bool) -> dict[str, str]:
     roles = ("frame", "episode", "hazard", "split")
-    for role, column in asked.items():
+    for role, column in mapped.items():
         if role not in roles:
             raise VoteError(f"--map {role}={column}: there is no place '{role}'; places are {', '.join(roles)}")
         if column not in have:
             raise VoteError(f"--map {role}={column}: {path} has no column '{column}'; it has {', '.join(have[:30])}")
-    places = {role: asked.get(role, role) for role in roles if asked.get(role, role) in have}
+    places = {role: mapped.get(role, role) for role in roles if mapped.get(role, role) in have}
     for role in ("frame",) if with_bank else ("frame", "episode", "hazard"):
         if role not in places:
             more = "" if role == "frame" else ", or give the bank with --frames"
@@ -302,8 +302,8 @@ def _require_no_bank(folder: Path) -> None:
         return
     with suppress(BankError):  # the reader of the run reports what else is wrong
         open_bank(folder)
-        asked = "admission", "structured"
-        ways = " or ".join(f"'eyechart run {one} --model SPEC --frames {folder} --out RUN'" for one in asked)
+        studies = "admission", "structured"
+        ways = " or ".join(f"'eyechart run {one} --model SPEC --frames {folder} --out RUN'" for one in studies)
         raise VoteError(f"{folder} is a bank, which holds no votes: ask models with {ways}, and give that run's folder")
 
 

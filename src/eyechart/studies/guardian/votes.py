@@ -50,7 +50,7 @@ class VoteProvenance:
     voting: int | None = None
 
     @property
-    def lax(self) -> bool:
+    def is_lax(self) -> bool:
         """Return whether the scenes were read before votes had rules of their own."""
         return self.reader is not None and self.voting is None
 
@@ -159,10 +159,10 @@ class VoteTable:
 
     def keep(self, wanted: Collection[str]) -> "VoteTable":
         """Return the table of these frames only; raises VoteError for an unknown one."""
-        asked = set(wanted)
-        if unknown := sorted(asked - set(self.frames)):
+        chosen = set(wanted)
+        if unknown := sorted(chosen - set(self.frames)):
             raise VoteError(f"{self.name} has no frame '{unknown[0]}'")
-        return self.rows(place for place, frame in enumerate(self.frames) if frame in asked)
+        return self.rows(place for place, frame in enumerate(self.frames) if frame in chosen)
 
     def without(self, unwanted: Collection[str]) -> "VoteTable":
         """Return the table without these frames."""
@@ -189,10 +189,10 @@ class VoteTable:
 
     def of_episodes(self, names: Collection[str]) -> "VoteTable":
         """Return the frames of these episodes; raises VoteError for an unknown one."""
-        asked = set(names)
-        if unknown := sorted(asked - set(self.episodes)):
+        chosen = set(names)
+        if unknown := sorted(chosen - set(self.episodes)):
             raise VoteError(f"{self.name} has no episode '{unknown[0]}'")
-        return self.rows(place for place, episode in enumerate(self.episodes) if episode in asked)
+        return self.rows(place for place, episode in enumerate(self.episodes) if episode in chosen)
 
     def rows(self, places: Iterable[int]) -> "VoteTable":
         """Return the frames with these row numbers, in this order."""

@@ -83,7 +83,7 @@ def paired_worlds(sources: Sequence[Drives]) -> tuple[list[PairedWorld], list[st
     for scenario, seed in in_order(found):
         mine = found[scenario, seed]
         first = min(mine)
-        if not _told_of(sources[first], mine[first]):
+        if not _is_recorded(sources[first], mine[first]):
             notes.append(f"World {scenario}/{seed} is not drawn: its obstacles here are not those of the record.")
             continue
         ways: list[Trajectory | None] = [None] * len(sources)
@@ -116,14 +116,14 @@ def trajectory(drives: Drives, episode: Episode) -> Trajectory:
     return Trajectory(episode.ended, np.array(rows))
 
 
-def _place(told: Mapping[str, Scalar]) -> tuple[float, ...]:
-    found = [told.get(name) for name in _PLACE]
+def _place(facts: Mapping[str, Scalar]) -> tuple[float, ...]:
+    found = [facts.get(name) for name in _PLACE]
     if not all(isinstance(one, int | float) for one in found):
         raise LedgerError(f"the record lacks a place at some step: it needs {', '.join(_PLACE)}")
     return tuple(float(one or 0.0) for one in found)
 
 
-def _told_of(drives: Drives, episode: Episode) -> bool:
+def _is_recorded(drives: Drives, episode: Episode) -> bool:
     """Return whether a world has the obstacles of its record here."""
     try:
         drive = drives.open_simulator().drive(episode.key.scenario, episode.key.seed)
@@ -218,7 +218,7 @@ def groups(score: HierarchyScore) -> tuple[list[StripGroup], list[str]]:
     found, notes = [], []
     with style():
         for ablation in ("primary", "second"):
-            driven = [one.driver for part in _parts(ablation) for one in score.drives.get(part, ()) if one.asked]
+            driven = [one.driver for part in _parts(ablation) for one in score.drives.get(part, ()) if one.is_model]
             planners = list(dict.fromkeys(one.policy for one in driven))
             if len(planners) > MOST_PLANNERS:
                 notes.append(f"Ways of {MOST_PLANNERS} of {len(planners)} planners are drawn; the tables have all.")
@@ -293,8 +293,8 @@ def _strip(key: str, world: PairedWorld, lines: Sequence[SourceStrip]) -> Drawin
         _label(axes, way, line, 1.0 - (number - 0.5) / len(lines), f"k{number}")
     closed = ", closed by a wall" if world.layout.closed else ""
     title = f"{world.scenario}, seed {world.seed}{closed}"
-    told = "; ".join(f"{line.name}: {_words(way)}" for way, line in zip(world.ways, lines, strict=True))
-    says = f"The road from above, {len(world.layout.obstacles)} obstacles. {told}."
+    description = "; ".join(f"{line.name}: {_words(way)}" for way, line in zip(world.ways, lines, strict=True))
+    says = f"The road from above, {len(world.layout.obstacles)} obstacles. {description}."
     return Drawing(f"ways-{key}-{world.scenario}-{world.seed}", title, says, figure, lean=True)
 
 
@@ -381,10 +381,12 @@ def outcomes(score: HierarchyScore, ablation: str) -> Drawing | None:
             (height - 1.2) / height,
         )
         _shares(figure.add_axes(box), rows)
-    told = "; ".join(f"{label}: {count_of(row.goals)} goals" for label, row in zip(labels, rows, strict=True))
+    description = "; ".join(f"{label}: {count_of(row.goals)} goals" for label, row in zip(labels, rows, strict=True))
     name = "Primary" if ablation == "primary" else "Second"
     title = f"{name} ablation: the outcome of each source in the same {len(every)} worlds"
-    says = f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the time limit. {told}."
+    says = (
+        f"Rows are sources, columns worlds: a dot is the goal, a cross a crash, a ring the time limit. {description}."
+    )
     return Drawing(f"outcomes-{ablation}", title, says, figure, wide=True)
 
 

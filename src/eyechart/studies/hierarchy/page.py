@@ -103,7 +103,7 @@ def _opening(score: HierarchyScore, cards: Sequence[Mapping[str, object]]) -> Pa
     ]
     if not said:
         return PageSummary("No planner drove: only scripted sources did, and these see no pictures.")
-    of_camera = [one for _, one in score.blind if one.of_camera]
+    of_camera = [one for _, one in score.blind if one.is_of_camera]
     shown, which = (of_camera, "shuffled ones") if of_camera else ([one for _, one in score.blind], "others")
     return PageSummary(
         parted(said, _ANSWERS, "arms that a planner drove"),
@@ -124,13 +124,13 @@ def _control(difference: PairedDifference | None) -> dict[str, object] | None:
     if difference is None:
         return None
     goals = difference.differences["success_rate"]
-    told = goals.value is not None and goals.value > 0 and goals.p is not None and goals.p < LEVEL
+    is_significant = goals.value is not None and goals.value > 0 and goals.p is not None and goals.p < LEVEL
     return {
         "points": "—" if goals.value is None else f"{100 * goals.value:+.0f} points",
         "interval": "—" if goals.ci is None else f"{100 * goals.ci[0]:+.0f} to {100 * goals.ci[1]:+.0f}",
         "p": "—" if goals.p is None else f"{goals.p:.2g}",
         "worlds": difference.worlds,
-        "tells": told,
+        "tells": is_significant,
     }
 
 

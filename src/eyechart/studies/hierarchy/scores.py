@@ -132,7 +132,7 @@ class IntentSource:
 class Completion:
     """How often a model reaches the goal in one arm, with real pictures and with other ones.
 
-    ``goals`` are by condition. It is ``shown`` if both paired differences, real less blank and real
+    ``goals`` are by condition. It ``is_shown`` if both paired differences, real less blank and real
     less other worlds' pictures, are above zero after Holm.
     """
 
@@ -143,10 +143,10 @@ class Completion:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return to_json_fields(self, "part goals", source=self.policy, shows_perception=self.shown)
+        return to_json_fields(self, "part goals", source=self.policy, shows_perception=self.is_shown)
 
     @property
-    def shown(self) -> bool:
+    def is_shown(self) -> bool:
         """Return whether the model completes worlds by its pictures."""
         return self.label is PLANNERS["by_pictures"]
 
@@ -154,7 +154,7 @@ class Completion:
     def sentence(self) -> str:
         """Return the result in a sentence, with the limits of what completion shows."""
         counts = ", ".join(f"{_WITH[name]} {count_of(goal)}" for name, goal in self.goals.items())
-        found = "the paired differences exclude zero" if self.shown else NOT_PERCEPTION
+        found = "the paired differences exclude zero" if self.is_shown else NOT_PERCEPTION
         return f"{PARTS[self.part].simulator}, {self.policy}: goals {counts}: {found}."
 
 
@@ -215,7 +215,7 @@ class HierarchyScore:
         for part in (name for name in self.drives if PARTS[name].models):
             goals: dict[str, dict[str, Statistic]] = {}
             for one in self.drives[part]:
-                reached = exact_rate(sum(map(self.outcomes.success, one.episodes)), len(one.episodes))
+                reached = exact_rate(sum(map(self.outcomes.is_success, one.episodes)), len(one.episodes))
                 goals.setdefault(one.driver.policy, {})[one.driver.condition] = reached
             found += [
                 Completion(part, policy, rates, self._label(part, policy))
@@ -314,8 +314,8 @@ def _source(part: str, name: str, drives: Drives, outcomes: SuccessCriteria) -> 
         part=part,
         name=name,
         driver=drives.driver,
-        goals=exact_rate(sum(map(outcomes.success, episodes)), len(episodes)),
-        crashes=exact_rate(sum(episode.crashed for episode in episodes), len(episodes)),
+        goals=exact_rate(sum(map(outcomes.is_success, episodes)), len(episodes)),
+        crashes=exact_rate(sum(episode.has_crashed for episode in episodes), len(episodes)),
         distance_m=distance,
         stop_share=share_over_episodes(stops[:, 0], stops[:, 1]),
         intents={action: intents[action] for action in drives.space.actions},

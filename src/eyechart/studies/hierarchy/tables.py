@@ -139,7 +139,7 @@ def completion_table(completions: Sequence[Completion]) -> Table:
     rows = []
     for completion in completions:
         goals = [completion.goals.get(name) for name in ("real", "mirrored", "blank", "shuffled")]
-        said = "differs from both" if completion.shown else NOT_PERCEPTION
+        said = "differs from both" if completion.is_shown else NOT_PERCEPTION
         rows.append(
             (PARTS[completion.part].simulator, completion.policy, *(each and count_of(each) for each in goals), said)
         )

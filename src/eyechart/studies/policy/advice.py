@@ -52,8 +52,8 @@ def _of(advice: Advice, score: PolicyScore, channel: str) -> Advice:
 
 def named(advice: str, score: PolicyScore, channel: str = CAMERAS) -> str:
     """Return advice with the run's bank and the channel's name filled in."""
-    told = advice.replace("{bank}", shlex.quote(score.manifest.bank_path))
-    return told.replace("{what}", _in_words(channel))
+    text = advice.replace("{bank}", shlex.quote(score.manifest.bank_path))
+    return text.replace("{what}", _in_words(channel))
 
 
 def _to_ask(score: PolicyScore, channel: str) -> Iterator[Advice]:
@@ -73,10 +73,10 @@ def _to_ask(score: PolicyScore, channel: str) -> Iterator[Advice]:
 def _of_the_road(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice]:
     """Yield advice if the channel may not arrive, or the answers go against the instruction."""
     statistics = ShareStatistics(score.models[spec].statistics)
-    swap, told = statistics[f"T.swapped{OVER}{channel}"], statistics["follow.told"]
+    swap, follow = statistics[f"T.swapped{OVER}{channel}"], statistics["follow.told"]
     if swap.same == 1.0:
         yield _of(ASK_ROAD, score, channel)
-    if channel == INSTRUCTION and told.ci is not None and told.ci[1] < 0:
+    if channel == INSTRUCTION and follow.ci is not None and follow.ci[1] < 0:
         yield Advice("look for exchanged names or a wrong sign in its training: it goes against its instruction")
     if swap.p is not None and swap.p > ALPHA and swap.ci is not None and swap.ci[0] > USED:
         yield Advice("use more --answers a call: its answers are drawn, and the difference may be chance")
@@ -109,8 +109,8 @@ def _of_failures(score: PolicyScore, spec: str, channel: str) -> Iterator[Advice
 
 def _not_asked(score: PolicyScore, channel: str) -> Iterator[str]:
     """Yield the conditions that a channel's label needs, the bank can show and the run lacks."""
-    able, asked = conditions_of(score.bank)[0], score.manifest.conditions
-    yield from (name for name in _needed(channel) if name in able and name not in asked)
+    able, planned = conditions_of(score.bank)[0], score.manifest.conditions
+    yield from (name for name in _needed(channel) if name in able and name not in planned)
 
 
 def _needed(channel: str) -> Iterator[str]:

@@ -23,9 +23,9 @@ from eyechart.channels import (
     channels_of,
     far_off,
     instruction_column,
+    instruction_key,
     own_pictures,
     rare,
-    told,
 )
 from eyechart.conditions import OVER, PARTNERS
 from eyechart.conditions.policies import subset_conditions
@@ -103,7 +103,7 @@ def statistics_of(motions: Motions, *, drawn: bool, seeded: bool) -> dict[str, S
     absent = [name for name in channels_of(motions.plan.bank) if f"T.swapped@{name}" in statistics]
     statistics |= {f"{claim}@{name}": taken.responds(name, claim) for name in absent for claim in RESPONDS}
     statistics |= {f"follow.{which}": taken.follow((which,)) for which in OBJECTS}
-    statistics["follow.told"] = taken.told()
+    statistics["follow.told"] = taken.instruction_effect()
     statistics["follow.rather"] = taken.follow(OBJECTS)
     if f"T.swapped{OVER}{INSTRUCTION}" in statistics:
         statistics["follow.logged"] = taken.logged()
@@ -551,7 +551,7 @@ class Effects:
         column, good = instruction_column(plan.bank) or "", np.isfinite(gains) & np.isfinite(full)
         texts: dict[object, list[int]] = {}
         for place in np.flatnonzero(good).tolist():
-            texts.setdefault(told({column: plan.frames[place].fields.get(column, "")}), []).append(place)
+            texts.setdefault(instruction_key({column: plan.frames[place].fields.get(column, "")}), []).append(place)
         for places in texts.values() if len(texts) > 1 else ():
             if (part := self._part(gains[places], full[places], self._episodes[places])) is not None:
                 yield f"told {quote(plan.frames[places[0]].fields.get(column, ''))}", part
@@ -597,12 +597,12 @@ class Effects:
         """Return how far an object was moved along an axis, by frame."""
         return np.array([_number(frame.truth.get(f"{which}_along_{axis}")) for frame in self._motions.plan.frames])
 
-    def told(self) -> Statistic:
+    def instruction_effect(self) -> Statistic:
         """Return how much farther the answer follows the named object than the other."""
         own = [self._gains(which) for which in OBJECTS]
-        told = [self._gains(which, TOLD) for which in OBJECTS]
+        instructed = [self._gains(which, TOLD) for which in OBJECTS]
         (named, named_full), (other, other_full) = own
-        (named_told, _), (other_told, _) = told
+        (named_told, _), (other_told, _) = instructed
         if named is None or other is None or named_told is None or other_told is None:
             return self._unmoved(OBJECTS, TOLD)
         found = self._followed((named - other - named_told + other_told) / 2, (named_full + other_full) / 2)
@@ -627,10 +627,10 @@ class Effects:
         found = follow(errors[0] - errors[1], full, self._episodes[frames], seed=key_seed("logged"))
         return self._counted(found, condition)
 
-    def _unmoved(self, objects: Sequence[str], *told: str) -> Statistic:
+    def _unmoved(self, objects: Sequence[str], *prefixes: str) -> Statistic:
         """Return why objects are not known to be followed."""
         moves = [name for name in MOVES if name.startswith(tuple(objects))]
-        names = [*moves, *(f"{head}{name}" for head in told for name in moves)]
+        names = [*moves, *(f"{head}{name}" for head in prefixes for name in moves)]
         failed = (name for name in names if name in self._motions.fails_on)
         return not_available(next((self._absent(name) for name in failed), NOT_ASKED))
 
@@ -638,18 +638,18 @@ class Effects:
         good = np.isfinite(gains) & np.isfinite(full)
         return follow(gains[good], full[good], self._episodes[good], seed=key_seed("follow"))
 
-    def _gains(self, which: str, told: str = "") -> tuple[Floats | None, Floats]:
+    def _gains(self, which: str, prefix: str = "") -> tuple[Floats | None, Floats]:
         """Return each frame's gain along the object's way, moved forth over back, and the oracle's.
 
         NaN if there is no answer.
         """
         full = np.array([_number(frame.truth.get(f"{which}_follow")) for frame in self._motions.plan.frames])
-        along = self._along(which, told)
+        along = self._along(which, prefix)
         return (None if along is None else sum(along.values(), np.zeros(len(full)))), full
 
-    def _along(self, which: str, told: str = "") -> dict[str, Floats] | None:
+    def _along(self, which: str, prefix: str = "") -> dict[str, Floats] | None:
         """Return the motion with the object forth less back, by axis; None if not run."""
-        forth, back = (self._motions.raw(f"{told}{which}_{side}") for side in ("plus", "minus"))
+        forth, back = (self._motions.raw(f"{prefix}{which}_{side}") for side in ("plus", "minus"))
         space = self._motions.plan.motions
         if forth is None or back is None or not space.axes:
             return None

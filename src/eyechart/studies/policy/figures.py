@@ -117,7 +117,7 @@ def shares(judged: PolicyVerdict, policy: PolicyResult) -> Iterator[Drawing]:
         ticks = [tick for tick in _TICKS if tick <= axes.get_xlim()[1]]
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.set_xlabel("share of its own variation (T)", fontsize=8.5)
-    told = "; ".join(f"{name} {number(shown_share(one).value, 3)}" for name, one, _ in rows)
+    description = "; ".join(f"{name} {number(shown_share(one).value, 3)}" for name, one, _ in rows)
     frames = sorted({one.n for _, one, _ in rows})
     of = f"{frames[0]} to {frames[-1]}" if len(frames) > 1 else f"{frames[0]}"
     spec = judged.model
@@ -131,7 +131,7 @@ def shares(judged: PolicyVerdict, policy: PolicyResult) -> Iterator[Drawing]:
         *_of_similar(names),
     ]
     note += [ABOVE_ONE] if any(_end(one) > 1 for _, one, _ in rows) else []
-    yield Drawing(_slug(f"shares-{spec}"), title, f"Shares. {told}", figure, note=" ".join(note))
+    yield Drawing(_slug(f"shares-{spec}"), title, f"Shares. {description}", figure, note=" ".join(note))
 
 
 def _drawn(policy: PolicyResult) -> Iterator[tuple[str, Statistic]]:
@@ -237,7 +237,7 @@ def training(course: TrainingCurve) -> Drawing:
             axes.set_xticks(*_steps([step for step, *_ in points]))
             axes.tick_params(labelbottom=row == len(names) - 1, labelsize=7.5)
         axes.set_xlabel("step of the training", fontsize=8.5)
-    told = "; ".join(
+    description = "; ".join(
         f"{name} "
         + ", ".join(f"{number(shown_share(each[name]).value, 2)} at {step}" for step, _, each in points if name in each)
         for name in names
@@ -245,7 +245,9 @@ def training(course: TrainingCurve) -> Drawing:
     title = "When did it stop looking? Each channel's share by step: blue is used, orange ignored, hollow grey is open"
     note = ["98 % intervals.", MARGINS, STRETCHED, "Open: its interval, or the verdict on its channel, is undecided."]
     note += [ABOVE_ONE] if any(_end(one) > 1 for one in every) else []
-    return Drawing("training", title, f"Shares with 98 % intervals, by step. {told}", figure, note=" ".join(note))
+    return Drawing(
+        "training", title, f"Shares with 98 % intervals, by step. {description}", figure, note=" ".join(note)
+    )
 
 
 def _shares_by_step(axes: Axes, shares: Sequence[tuple[int, Statistic, AxisVerdict]]) -> None:
@@ -335,8 +337,8 @@ def _telling(found: Motions, most: int) -> list[tuple[int, str]]:
         return []
     by_episode = {found.episodes[place]: place for place in reversed(good[len(good) // 2 :])}
     middle = [place for name, place in reversed(by_episode.items()) if name != found.episodes[good[0]]]
-    told = _MOST if apart[good[0]] > 0 else ""
-    return [(int(good[0]), told), *((int(place), told and _MIDDLE) for place in middle[: most - 1])]
+    caption = _MOST if apart[good[0]] > 0 else ""
+    return [(int(good[0]), caption), *((int(place), caption and _MIDDLE) for place in middle[: most - 1])]
 
 
 def _moment(
@@ -352,12 +354,12 @@ def _moment(
     with style():
         figure = paths(seen, space, lines) if on_a_plane else curves(seen, space, lines, found.scales)
     column = instruction_column(found.plan.bank)
-    told = "without an instruction" if column is None else f"told “{frame.fields[column]}”"
+    instruction = "without an instruction" if column is None else f"told “{frame.fields[column]}”"
     says = "Its own motion, and its motion with one input changed: "
     note = " ".join(filter(None, (_read_as(space, on_a_plane=on_a_plane), _of_answers(found), why)))
     return Drawing(
         _slug(f"{kind}-{spec}-{frame.id}"),
-        f"{spec} at {frame.id}, {told}",
+        f"{spec} at {frame.id}, {instruction}",
         says + ", ".join(line.words for line in lines),
         figure,
         note=note,

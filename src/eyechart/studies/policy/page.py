@@ -39,14 +39,14 @@ def made(runs: Sequence[ScoredBank], notes: Sequence[str] = (), steps: Mapping[s
     if course is not None:
         shares, changes = course.tables()
         intro = "Checkpoints of one training, in the order of their steps: when did it stop looking, or listening?"
-        told = Section(
+        summary = Section(
             "Over the training",
             intro,
             [training(course)] if course.channels else [],
             [shares, changes],
             list(course.says()),
         )
-        sections, tables = [told, *sections], [shares, changes, *tables]
+        sections, tables = [summary, *sections], [shares, changes, *tables]
     title = ", ".join(dict.fromkeys(score.bank.name for score, _ in runs))
     page = page_of("Does it look, and does it listen?", title, sections, notes, first)
     return StudyReport(page, tables, page.notes)
@@ -106,11 +106,11 @@ def in_a_sentence(found: Sequence[tuple[str, str]]) -> str:
     by_answer: dict[str, list[str]] = {}
     for spec, does in found:
         by_answer.setdefault(does, []).append(spec)
-    told = [
+    parts = [
         f"{len(specs)} {_LOOK[does][len(specs) > 1]}" + (f" ({', '.join(specs)})" if len(found) <= _MOST_NAMED else "")
         for does, specs in by_answer.items()
     ]
-    return f"Of {len(found)} policies, {' and '.join(filter(None, (', '.join(told[:-1]), told[-1])))}."
+    return f"Of {len(found)} policies, {' and '.join(filter(None, (', '.join(parts[:-1]), parts[-1])))}."
 
 
 def _tone(verdict: PolicyVerdict) -> str:

@@ -155,8 +155,8 @@ def plan(
         require_history(spec, history_of(model.facts), bank)
     formulation = _prompt_for(bank, opened, prompt, out)
     supplied, left_out = shown_conditions(bank, formulation)
-    asked = _conditions_asked(bank, formulation, conditions or supplied, shapley=extent.shapley)
-    require_corruptible(asked, bank)
+    names = _conditions_asked(bank, formulation, conditions or supplied, shapley=extent.shapley)
+    require_corruptible(names, bank)
     bank = asked_of(bank, formulation)
     require_pictured(formulation, show("real", bank.frames[0], bank, seed))
     manifest = RunManifest.begun(
@@ -166,7 +166,7 @@ def plan(
         study=STUDY,
         seed=seed,
         prompt=formulation,
-        conditions=asked,
+        conditions=names,
         limit=extent.limit,
         shard=extent.shard,
         reader=MOTION_READER,
@@ -174,7 +174,7 @@ def plan(
     )
     manifest = resume_manifest(out, manifest, bank)
     frames = spread(bank.frames, extent.limit)
-    calls = replace(motions_of(manifest, bank), models=tuple(models), conditions=asked, frames=frames)
+    calls = replace(motions_of(manifest, bank), models=tuple(models), conditions=names, frames=frames)
     usual = set(conditions or supplied)
     added = sum(key.condition not in usual for key in calls.keys())  # noqa: SIM118 - a method of plans
     return PolicyRun(calls, models, manifest, out, {} if conditions else left_out, added)
@@ -223,12 +223,12 @@ def _conditions_asked(bank: FrameBank, prompt: Prompt, named: Sequence[str], *, 
     every, further = subset_conditions(bank), further_conditions(bank)
     if shapley and not every:
         raise BankError(f"the bank {bank.root} has no channel but its cameras; --shapley needs several")
-    asked = dict.fromkeys([*named, *(every.values() if shapley else ())])
-    for name in asked:
+    names = dict.fromkeys([*named, *(every.values() if shapley else ())])
+    for name in names:
         find_condition(name, "policy")
         if name not in {*supplied, *further} and not (name in every.values() and name not in left_out):
             raise BankError(f"condition '{name}' cannot be shown: {left_out.get(name) or _unknown(name, bank)}")
-    return tuple(asked)
+    return tuple(names)
 
 
 def _unknown(name: str, bank: FrameBank) -> str:
@@ -261,7 +261,7 @@ def motions_of(manifest: RunManifest, bank: FrameBank) -> MotionPlan:
     """Return the plan of a run's manifest, before any policy is known to draw."""
     found = plan_of(manifest, bank)
     assert isinstance(found, MotionPlan)
-    return replace(found, seeded=frozenset(spec for spec in manifest.models if seeded(manifest, spec)))
+    return replace(found, seeded=frozenset(spec for spec in manifest.models if is_seeded(manifest, spec)))
 
 
 def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
@@ -272,11 +272,11 @@ def drawers(ledger: Ledger, manifest: RunManifest) -> frozenset[str]:
     """
     space = require_motions(manifest.prompt.space)
     return frozenset(
-        spec for spec in manifest.models if _draws(ledger.replies(spec), space, again=int(seeded(manifest, spec)))
+        spec for spec in manifest.models if _draws(ledger.replies(spec), space, again=int(is_seeded(manifest, spec)))
     )
 
 
-def seeded(manifest: RunManifest, spec: str) -> bool:
+def is_seeded(manifest: RunManifest, spec: str) -> bool:
     """Return whether a seed fixes a policy's answers, as it declares."""
     return manifest.facts.get(spec, {}).get("seedable") == "true"
 
@@ -301,13 +301,13 @@ class _RepeatStages(Stages):
 
     def __init__(self, planned: MotionPlan, manifest: RunManifest, ledger: Ledger) -> None:
         self._plan, self._manifest, self._ledger = planned, manifest, ledger
-        self._asked = set(planned.drawn)
+        self._repeated = set(planned.drawn)
 
     def more(self, model: str) -> Sequence[CallKey]:
         """Return the repeats of every call of a policy that draws its answers."""
-        if model in self._asked or model not in drawers(self._ledger, self._manifest):
+        if model in self._repeated or model not in drawers(self._ledger, self._manifest):
             return ()
-        self._asked.add(model)
+        self._repeated.add(model)
         done = self._ledger.finished()
         again = replace(self._plan, drawn=frozenset({model})).keys_of(model)
         return in_order((key for key in again if key not in done), self._plan.seed)
@@ -322,5 +322,5 @@ def run(planned: PolicyRun, *, again: bool = False, **how: Unpack[RunOptions]) -
     Raises LedgerError if another process writes to the run, or the ledger cannot be written.
     """
     progress = how.pop("progress", None)
-    asked: RunOptions = {"concurrency": 1, **how}
-    return make_calls(partial(run_battery, planned, again=again, **asked), progress)
+    options: RunOptions = {"concurrency": 1, **how}
+    return make_calls(partial(run_battery, planned, again=again, **options), progress)

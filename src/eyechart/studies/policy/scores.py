@@ -21,7 +21,7 @@ from eyechart.stats.total_effect import share_difference
 from eyechart.studies.battery import require_requests, taken
 from eyechart.studies.policy.effects import Effects, statistics_of
 from eyechart.studies.policy.motions import Motions, read_motions
-from eyechart.studies.policy.plans import STUDY, drawers, motions_of, seeded, shown_conditions
+from eyechart.studies.policy.plans import STUDY, drawers, is_seeded, motions_of, shown_conditions
 from eyechart.verdicts.policy_verdict import PolicyVerdict, judge_policy, not_arrived
 from eyechart.verdicts.share_predicates import MissingConditions
 
@@ -138,7 +138,7 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
             drawn = spec in plan.drawn
             order = [sent.key for sent in ledger.attempts(spec)] if drawn else []
             motions = read_motions(ledger.replies(spec), plan, spec, order)
-            statistics = statistics_of(motions, drawn=drawn, seeded=seeded(manifest, spec) and not drawn)
+            statistics = statistics_of(motions, drawn=drawn, seeded=is_seeded(manifest, spec) and not drawn)
             results[spec] = PolicyResult(spec, version, motions, drawn, statistics)
     accounting, guards = _took(attempts, manifest, plan, read_prices())
     return PolicyScore(manifest, bank, results, accounting, guards)
@@ -159,7 +159,7 @@ def judge(found: PolicyScore) -> dict[str, PolicyVerdict]:
             missing=model.motions.judged()[0],
             left=model.motions.planned - model.motions.finished,
             reads=tuple(filter(None, found.manifest.facts.get(spec, {}).get("channels", "").split(", "))),
-            asked=replace(unasked, failing=model.motions.fails_on),
+            left_out=replace(unasked, failing=model.motions.fails_on),
         )
         for spec, model in found.models.items()
     }

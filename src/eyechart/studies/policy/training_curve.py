@@ -113,7 +113,7 @@ class TrainingCurve:
     changes: tuple[Change, ...]
 
     @property
-    def replicated(self) -> bool:
+    def is_replicated(self) -> bool:
         """Return whether no label changed and no share differs."""
         return not any(change.labels or change.changed for change in self.changes)
 
@@ -121,7 +121,7 @@ class TrainingCurve:
         """Yield a sentence for each change, and for a start or stop of looking."""
         for change in self.changes:
             yield f"{change.before} → {change.after}: {change.says()}"
-        for pair in self.compared if self.stepped else ():
+        for pair in self.compared if self.is_stepped else ():
             before, after = (one.looks for one in pair)
             if None not in (before, after) and before != after:
                 yield f"from {pair[1].name} on it {'no longer ignores its cameras' if after else 'ignores its cameras'}"
@@ -129,11 +129,14 @@ class TrainingCurve:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         changes = [{**change.as_dict(), "changed": list(change.changed)} for change in self.changes]
-        found = {"replicated": self.replicated, "policies": [checkpoint.as_dict() for checkpoint in self.checkpoints]}
+        found = {
+            "replicated": self.is_replicated,
+            "policies": [checkpoint.as_dict() for checkpoint in self.checkpoints],
+        }
         return {**found, "changes": changes, "says": list(self.says())}
 
     @property
-    def stepped(self) -> bool:
+    def is_stepped(self) -> bool:
         """Return whether every policy has a step, and not all the same one."""
         return None not in (steps := {checkpoint.step for checkpoint in self.checkpoints}) and len(steps) > 1
 
@@ -183,9 +186,9 @@ def course_of(scores: Sequence[PolicyScore], given: Mapping[str, int] | None = N
     a step of an unknown policy.
     """
     checkpoints = [checkpoint for score in scores for checkpoint in _checkpoints(score, given or {})]
-    asked = {checkpoint.policy.model for checkpoint in checkpoints}
-    if unknown := [spec for spec in given or {} if spec not in asked]:
-        raise SpecError(f"--step names '{unknown[0]}', but the policies of these runs are {', '.join(sorted(asked))}")
+    models = {checkpoint.policy.model for checkpoint in checkpoints}
+    if unknown := [spec for spec in given or {} if spec not in models]:
+        raise SpecError(f"--step names '{unknown[0]}', but the policies of these runs are {', '.join(sorted(models))}")
     if len(checkpoints) < 2:
         raise SpecError("there is one policy, and nothing to compare it with; give a second run, or run several")
     _require_same_frames(checkpoints)
@@ -239,11 +242,11 @@ def training_of(scores: Sequence[PolicyScore], given: Mapping[str, int]) -> Trai
         if given:
             raise
         return None
-    if given and not curve.stepped:
+    if given and not curve.is_stepped:
         without = [checkpoint.policy.model for checkpoint in curve.checkpoints if checkpoint.step is None]
         lacking = f"{', '.join(without)} has no step" if without else "all policies have the same step"
         raise SpecError(f"--step gives no order, since {lacking}; give --step SPEC=N for each")
-    return curve if curve.stepped else None
+    return curve if curve.is_stepped else None
 
 
 def step_of(manifest: RunManifest, spec: str, given: Mapping[str, int]) -> int | None:

@@ -6,7 +6,7 @@ geometric grounding.
 
 from eyechart.studies.structured import online
 from eyechart.studies.structured.plans import ADMISSION, STRUCTURED, plan
-from eyechart.studies.structured.scene_answers import SceneAnswers, read_told
+from eyechart.studies.structured.scene_answers import SceneAnswers, read_scene_answers
 from eyechart.studies.structured.scores import EstimatorScore, StructuredScore, score
 
 __all__ = [
@@ -17,6 +17,6 @@ __all__ = [
     "StructuredScore",
     "online",
     "plan",
-    "read_told",
+    "read_scene_answers",
     "score",
 ]

@@ -26,7 +26,7 @@ from eyechart.simulators import Drive, PartialView, Simulator, declared_by, exec
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.scene import SCENES, Estimate, Scene
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.structured.scene_answers import told_of
+from eyechart.studies.structured.scene_answers import scene_answers_of
 from eyechart.studies.structured.scores import Bootstrap, Figures
 
 SEEN = "seen.json"
@@ -66,13 +66,13 @@ class FrameChecks:
         return action
 
     def _compare(self, scene: Scene, truth: Mapping[str, Scalar], unseen: frozenset[str]) -> None:
-        told = truth["lead_gap_m"] if truth.get("lead_visible") is not False else None
-        if isinstance(told, bool | str):
-            raise SpecError(f"the world gives the gap {told!r}, which is no number")
-        if (told is None) != (scene.gap_m is None):
+        gap_m = truth["lead_gap_m"] if truth.get("lead_visible") is not False else None
+        if isinstance(gap_m, bool | str):
+            raise SpecError(f"the world gives the gap {gap_m!r}, which is no number")
+        if (gap_m is None) != (scene.gap_m is None):
             self._fail("positive control: a lead is read and not there, or there and not read")
-        elif told is not None and scene.gap_m is not None:
-            self.errors_m.append(abs(scene.gap_m - told))
+        elif gap_m is not None and scene.gap_m is not None:
+            self.errors_m.append(abs(scene.gap_m - gap_m))
             if self.errors_m[-1] > GAP_ERROR_M:
                 self._fail(f"positive control: the gap is read {self.errors_m[-1]:.2f} m off")
         self.unseen += bool(unseen)
@@ -123,7 +123,7 @@ def check(simulator: Simulator, episode: Episode, view: View | None) -> Observed
             if (pixels == pixels[0, 0]).all():
                 checks.failed = f"frame {checks.frames}: renderer integrity: the picture has one colour"
                 break
-            if not _same(step, drive.truth()):
+            if not _has_same_gap(step, drive.truth()):
                 checks.failed = f"frame {checks.frames}: the world does not repeat itself: its gap is another one now"
                 break
             if checks.look(drive, pixels, view, simulator.declared.mirror_axis) is None:
@@ -136,7 +136,7 @@ def check(simulator: Simulator, episode: Episode, view: View | None) -> Observed
     return ObservedFrames(key.policy, key.scenario, key.seed, checks.frames, checks.gap_mae_m, checks.whole())
 
 
-def _same(step: Step, truth: Mapping[str, Scalar]) -> bool:
+def _has_same_gap(step: Step, truth: Mapping[str, Scalar]) -> bool:
     """Return whether a step has its recorded gap, to 3 decimals."""
     before, now = step.truth.get("lead_gap_m"), truth["lead_gap_m"]
     if isinstance(before, int | float) and isinstance(now, int | float):
@@ -191,7 +191,7 @@ def figures(
     )
     gaps = [gap if isinstance(gap := frame.truth.get("lead_gap_m"), int | float) else np.inf for frame in frames]
     space = SCENES.by(manifest.reader).in_world(distances)
-    told = told_of(replies, frames, np.array(gaps, dtype=np.float64), distances.close_m, space)
+    answers = scene_answers_of(replies, frames, np.array(gaps, dtype=np.float64), distances.close_m, space)
     every = np.ones(len(frames), dtype=np.bool_)
     worlds = np.array([frame.episode for frame in frames], dtype=np.str_)
-    return Figures(told, DRIVING, every, Bootstrap(worlds)).statistics()
+    return Figures(answers, DRIVING, every, Bootstrap(worlds)).statistics()

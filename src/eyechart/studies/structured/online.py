@@ -357,7 +357,7 @@ def _driven(episodes: Sequence[Episode]) -> OnlineResult:
     good = [episode for episode in episodes if episode.ended != "error"]
     taken = [step.decision.action for episode in good for step in episode.steps]
     return OnlineResult(
-        crash_rate=rate(sum(episode.crashed for episode in good), len(good)),
+        crash_rate=rate(sum(episode.has_crashed for episode in good), len(good)),
         decisions=dict(Counter(action for action in taken if action is not None)),
         fail_safe=sum(action is None for action in taken),
         errors=len(episodes) - len(good),

@@ -72,7 +72,9 @@ def make_estimates_page(evidence: Sequence[Estimates], *, tell: Tell = lambda _:
     tell("pictures")
     worst = {}
     for run in evidence:  # the frames with the worst estimates of all models together come first
-        every = [[weight(model.told, place) for place in range(len(run.frames))] for model in run.score.models.values()]
+        every = [
+            [weight(model.answers, place) for place in range(len(run.frames))] for model in run.score.models.values()
+        ]
         order = np.argsort(-np.sum(every, axis=0), kind="stable") if every else ()
         worst[run.name] = [int(place) for place in order]
     frames, notes = shown_frames(evidence, worst)
@@ -129,15 +131,15 @@ def _opening(
         )
         for name, words in _VIEWS.items()
     ]
-    truth = _truth_words(run.score.models[models[0]].told, place)
+    truth = _truth_words(run.score.models[models[0]].answers, place)
     caption = f"Frame {run.frames[place].id}, the worst of all models together. Truth: {truth}."
     return PageSummary(sentence, said, models, shots, caption=caption)
 
 
 def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, str, str]:
     """Return a model's estimate of a frame, and whether any of it is wrong."""
-    told = run.score.models[spec].told
-    words, wrong = _words(told.replies_to(condition)[place]), faults(told, place)
+    answers = run.score.models[spec].answers
+    words, wrong = _words(answers.replies_to(condition)[place]), faults(answers, place)
     if condition != "real":
         return "bad" if "the reflection differs" in wrong else "", words, ""
     wrong = [one for one in wrong if one != "the reflection differs"]
@@ -146,17 +148,17 @@ def _shot(run: Estimates, spec: str, condition: str, place: int) -> tuple[str, s
 
 def gaps(who: EstimatorInRun, place: int) -> list[Drawing]:
     """Draw the estimated gap against the true one, for leads in the picture; empty without any."""
-    told, one = who.model.told, who.model.statistics["gap_mae_m"]
+    answers, one = who.model.answers, who.model.statistics["gap_mae_m"]
     pairs = [
-        (float(told.gap_m[number]), estimate.gap_m)
-        for number, estimate in enumerate(told.estimates("real"))
-        if estimate is not None and estimate.gap_m is not None and told.visible[number]
+        (float(answers.gap_m[number]), estimate.gap_m)
+        for number, estimate in enumerate(answers.estimates("real"))
+        if estimate is not None and estimate.gap_m is not None and answers.visible[number]
     ]
     if one.value is None:
         return []
     figure, axes = canvas(3.6, 3.1, (0.6, 0.15, 0.5, 0.15))
     most = 1.06 * max(max(pair) for pair in pairs)
-    close = told.distances.close_m
+    close = answers.distances.close_m
     axes.plot([0, most], [0, most], color=MUTED, linewidth=0.8)
     for side in (axes.axvline, axes.axhline):
         side(close, color=VERMILLION, linewidth=0.8, linestyle=(0, (4, 3)))
@@ -193,7 +195,7 @@ def _card(who: EstimatorInRun) -> dict[str, Any]:
     if unsaid:
         words += f"; cannot say: {', '.join(unsaid)}"
     why = clauses_words((clause.name, clause.passes, clause.words) for clause in score.clauses)
-    told = score.told
+    answers = score.answers
     return {
         "model": who.label,
         "version": score.version,
@@ -204,8 +206,8 @@ def _card(who: EstimatorInRun) -> dict[str, Any]:
         "why": f"{why} It is {state}." if state else why,
         "marks": who.run.score.marks(who.spec),
         "clauses": next(clauses_table([(who.label, score, ())]).split(), None),
-        "reasons": list(told.reasons.items()),
-        "repairs": list(told.repairs.items()),
+        "reasons": list(answers.reasons.items()),
+        "repairs": list(answers.repairs.items()),
     }
 
 
@@ -234,48 +236,48 @@ def listed_frames(
     tables: list[dict[str, object]] = []
     notes = []
     for who in everyone:
-        told, places = who.model.told, order[who.run.name][:each]
+        answers, places = who.model.answers, order[who.run.name][:each]
         rows = [
             [
-                told.frames[place].id,
-                _truth_words(told, place),
-                *(_words(told.replies_to(name)[place]) for name in CONDITIONS),
-                "—" if (one := told.estimates("real")[place]) is None else one.act(told.distances),
-                ", ".join(faults(told, place)) or "—",
+                answers.frames[place].id,
+                _truth_words(answers, place),
+                *(_words(answers.replies_to(name)[place]) for name in CONDITIONS),
+                "—" if (one := answers.estimates("real")[place]) is None else one.act(answers.distances),
+                ", ".join(faults(answers, place)) or "—",
             ]
             for place in places
         ]
         tables.append({"model": who.label, "rows": rows, "faulty": sum(row[-1] != "—" for row in rows)})
-        if len(rows) < len(told.frames):
-            notes.append(f"The table of {who.label} lists {len(rows)} of {len(told.frames)} frames, worst first.")
+        if len(rows) < len(answers.frames):
+            notes.append(f"The table of {who.label} lists {len(rows)} of {len(answers.frames)} frames, worst first.")
     return tables, notes
 
 
 def _frame(run: Estimates, place: int) -> dict[str, object]:
     frame = run.frames[place]
-    told = next(iter(run.score.models.values())).told
-    wrong = [spec for spec, model in run.score.models.items() if weight(model.told, place) >= _POINTED_OUT]
+    answers = next(iter(run.score.models.values())).answers
+    wrong = [spec for spec, model in run.score.models.items() if weight(model.answers, place) >= _POINTED_OUT]
     return {
         "id": frame.id,
         "where": f"{frame.scenario}, episode {frame.episode}, step {frame.step}",
-        "truth": _truth_cells(told, place),
+        "truth": _truth_cells(answers, place),
         "views": _views(run, frame),
         "right": [spec for spec in run.score.models if spec not in wrong],
         "rows": [
             _row(run, spec, condition, place)
             for spec in wrong
             for condition in CONDITIONS
-            if run.score.models[spec].told.replies_to(condition)[place] is not None
+            if run.score.models[spec].answers.replies_to(condition)[place] is not None
         ],
     }
 
 
 def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, object]:
-    told = run.score.models[spec].told
-    reply, wrong = told.replies_to(condition)[place], faults(told, place) if condition == "real" else []
+    answers = run.score.models[spec].answers
+    reply, wrong = answers.replies_to(condition)[place], faults(answers, place) if condition == "real" else []
     assert reply is not None
-    error = (gap_error_m(told, place) if condition == "real" else None) or 0.0
-    off = error >= told.distances.close_m * _POINTED_OUT
+    error = (gap_error_m(answers, place) if condition == "real" else None) or 0.0
+    off = error >= answers.distances.close_m * _POINTED_OUT
     one = reply.action
     verbatim = run.replies[spec].get((run.frames[place].id, condition))
     return {
@@ -291,26 +293,32 @@ def _row(run: Estimates, spec: str, condition: str, place: int) -> dict[str, obj
             (_side(clear=one.left_clear), "left is wrong" in wrong),
             (_side(clear=one.right_clear), "right is wrong" in wrong),
             (f"{one.confidence:.2f}", False),
-            (one.act(told.distances), False),
+            (one.act(answers.distances), False),
         ],
         "faults": ", ".join([*wrong, *([f"gap {error:.1f} m off"] if off else [])]),
     }
 
 
-def _truth_cells(told: SceneAnswers, place: int) -> list[str]:
-    frame = told.frames[place]
+def _truth_cells(answers: SceneAnswers, place: int) -> list[str]:
+    frame = answers.frames[place]
     told_of = (frame.truth.get(name) for name in ("left_clear", "right_clear"))
     sides = [_side(clear=one) if isinstance(one, bool) else "—" for one in told_of]
-    gap = float(told.gap_m[place])
-    metres = "no lead" if gap == float("inf") else f"{gap:.1f} {told.unit}"
-    if metres != "no lead" and not told.visible[place]:
+    gap = float(answers.gap_m[place])
+    metres = "no lead" if gap == float("inf") else f"{gap:.1f} {answers.unit}"
+    if metres != "no lead" and not answers.visible[place]:
         metres += ", out of the picture"
     demand = frame.truth.get("demand")
-    return [metres, "close" if told.close[place] else "not close", *sides, "", "—" if demand is None else str(demand)]
+    return [
+        metres,
+        "close" if answers.close[place] else "not close",
+        *sides,
+        "",
+        "—" if demand is None else str(demand),
+    ]
 
 
-def _truth_words(told: SceneAnswers, place: int) -> str:
-    gap, close, left, right, _, demand = _truth_cells(told, place)
+def _truth_words(answers: SceneAnswers, place: int) -> str:
+    gap, close, left, right, _, demand = _truth_cells(answers, place)
     return f"{gap}, {close}; left {left}, right {right}; {demand}"
 
 
@@ -400,8 +408,8 @@ def _crashes(named: Mapping[str, OnlineScore], admitted: Collection[str]) -> Dra
     ][: MOST_SAID + 1]
     with style():
         figure = dots(rows, "crashed, share of episodes", 1.0, across=HEAD)
-    told = "; ".join(f"{who}: {estimate(one)}, n {one.n}" for who, one, *_ in rows)
-    return Drawing("in-short", "Crashes beside the positive control's", f"Filled: admitted. {told}", figure)
+    description = "; ".join(f"{who}: {estimate(one)}, n {one.n}" for who, one, *_ in rows)
+    return Drawing("in-short", "Crashes beside the positive control's", f"Filled: admitted. {description}", figure)
 
 
 def _drivers_lines(of: str, score: OnlineScore) -> Iterator[str]:
@@ -431,7 +439,9 @@ def interface(evidence: Sequence[Estimates]) -> Iterator[Drawing]:
 def _closest(run: Estimates) -> Frame:
     gap = run.score.bank.manifest.gap
     return (
-        run.frames[0] if gap is None else min(run.frames, key=lambda frame: (not gap.near(frame), gap.of(frame) == inf))
+        run.frames[0]
+        if gap is None
+        else min(run.frames, key=lambda frame: (not gap.is_near(frame), gap.of(frame) == inf))
     )
 
 

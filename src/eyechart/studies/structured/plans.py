@@ -42,7 +42,7 @@ def plan(
     axis, and the bank a gap. `eyechart.studies.battery` counts, estimates, runs and resumes the
     plan. Raises BankError, SpecError or LedgerError as a battery's plan does.
     """
-    asked, models = open_models(specs)
+    modes, models = open_models(specs)
     bank = open_whole(bank_path)
     if bank.manifest.gap is None:
         raise BankError(f"the bank {bank.root} records no gap, so it is unknown which leads are close")
@@ -53,7 +53,7 @@ def plan(
     chosen = choose(bank, seed) if study == ADMISSION else ()
     manifest = RunManifest.begun(
         bank,
-        asked,
+        modes,
         {spec: (model.version, model.facts) for spec, model in models.items()},
         study=study,
         seed=seed,
@@ -105,7 +105,7 @@ def choose(bank: FrameBank, seed: int) -> tuple[Frame, ...]:
     rng = np.random.default_rng(key_seed("admission", seed, bank.manifest.fingerprint))
     chosen, gap = list[Frame](), bank.manifest.gap
     for close, name in ((True, "close"), (False, "other")):
-        frames = [frame for frame in bank if (gap is not None and gap.near(frame)) == close]
+        frames = [frame for frame in bank if (gap is not None and gap.is_near(frame)) == close]
         if len(frames) < PAIRS_A_CLASS:
             raise BankError(
                 f"the bank {bank.root} has {len(frames)} {name} frames, and admission needs {PAIRS_A_CLASS}: "

@@ -75,7 +75,7 @@ class SceneAnswers:
         return dict(sorted(Counter(str(name) for one in every for name in one.repairs).items()))
 
 
-def read_told(
+def read_scene_answers(
     model: str, replies: Iterable[tuple[CallKey, Reply]], bank: FrameBank, frames: tuple[Frame, ...]
 ) -> SceneAnswers:
     """Read every reply of a model about these frames as a scene estimate.
@@ -86,8 +86,8 @@ def read_told(
     if gap is None:
         raise BankError(f"the bank {bank.root} records no gap, so it is unknown which leads are close")
     gap_m = np.array([gap.of(frame) for frame in frames], dtype=np.float64)
-    told = told_of(replies, frames, gap_m, gap.threshold, scenes_of(bank).in_world(worlds_distances(bank)))
-    return replace(told, model=model, before=before_collision(bank, frames), unit=gap.unit)
+    answers = scene_answers_of(replies, frames, gap_m, gap.threshold, scenes_of(bank).in_world(worlds_distances(bank)))
+    return replace(answers, model=model, before=before_collision(bank, frames), unit=gap.unit)
 
 
 def scenes_of(bank: FrameBank) -> SceneSpace:
@@ -95,7 +95,7 @@ def scenes_of(bank: FrameBank) -> SceneSpace:
     return SCENES.by(bank.manifest.action_space.reader)
 
 
-def told_of(
+def scene_answers_of(
     replies: Iterable[tuple[CallKey, Reply]], frames: tuple[Frame, ...], gap_m: Floats, close: float, space: SceneSpace
 ) -> SceneAnswers:
     """Return the replies as scenes; gaps below ``close`` are close, and ``space`` reads replies."""
@@ -121,41 +121,41 @@ def before_collision(bank: FrameBank, frames: tuple[Frame, ...]) -> Mask | None:
     return np.array([frame.step < first.get(frame.drive, frame.step + 1) for frame in frames], dtype=np.bool_)
 
 
-def faults(told: SceneAnswers, place: int) -> list[str]:
+def faults(answers: SceneAnswers, place: int) -> list[str]:
     """Return the faults of a model's estimate of a frame; empty where there was no call."""
-    reply = told.replies_to("real")[place]
+    reply = answers.replies_to("real")[place]
     if reply is None:
         return []
-    one, other = reply.action, told.estimates("mirrored")[place]
+    one, other = reply.action, answers.estimates("mirrored")[place]
     if one is None:
         return ["no estimate"]
-    truth, seen = told.frames[place].truth, bool(told.visible[place])
+    truth, seen = answers.frames[place].truth, bool(answers.visible[place])
     checks: dict[str, Callable[[], bool]] = {
-        "close is wrong": lambda: one.close != bool(told.close[place]),
+        "close is wrong": lambda: one.close != bool(answers.close[place]),
         "no lead told": lambda: seen and one.gap_m is None,
         "a lead that is not there": lambda: not seen and one.gap_m is not None,
         "left is wrong": lambda: _contradicts(truth.get("left_clear"), said=one.left_clear),
         "right is wrong": lambda: _contradicts(truth.get("right_clear"), said=one.right_clear),
         "the reflection differs": lambda: (
-            told.replies_to("mirrored")[place] is not None and (other is None or one.mirrored() != other)
+            answers.replies_to("mirrored")[place] is not None and (other is None or one.mirrored() != other)
         ),
     }
     return [name for name, holds in checks.items() if holds()]
 
 
-def weight(told: SceneAnswers, place: int) -> float:
+def weight(answers: SceneAnswers, place: int) -> float:
     """Return how bad a model's estimate of a frame is: the sum of its faults and gap error."""
-    error = gap_error_m(told, place)
-    threshold = told.distances.close_m
-    return sum(FAULTS[name] for name in faults(told, place)) + min((error or 0.0) / threshold, _MOST_OF_GAP)
+    error = gap_error_m(answers, place)
+    threshold = answers.distances.close_m
+    return sum(FAULTS[name] for name in faults(answers, place)) + min((error or 0.0) / threshold, _MOST_OF_GAP)
 
 
-def gap_error_m(told: SceneAnswers, place: int) -> float | None:
+def gap_error_m(answers: SceneAnswers, place: int) -> float | None:
     """Return the error of an estimated gap for a lead in the picture; None without one."""
-    one = told.estimates("real")[place]
-    if one is None or one.gap_m is None or not told.visible[place] or told.unit != "m":
+    one = answers.estimates("real")[place]
+    if one is None or one.gap_m is None or not answers.visible[place] or answers.unit != "m":
         return None
-    return abs(one.gap_m - float(told.gap_m[place]))
+    return abs(one.gap_m - float(answers.gap_m[place]))
 
 
 def _contradicts(truth: Scalar, *, said: bool) -> bool:

@@ -20,7 +20,7 @@ from eyechart.stats.jackknife import mean_over_episodes
 from eyechart.stats.statistic import ModelStatistics, Statistic, not_available
 from eyechart.studies.battery import CallsScore, plan_of, require_requests, took_run
 from eyechart.studies.structured.plans import STUDIES
-from eyechart.studies.structured.scene_answers import Floats, Mask, SceneAnswers, read_told, scenes_of
+from eyechart.studies.structured.scene_answers import Floats, Mask, SceneAnswers, read_scene_answers, scenes_of
 from eyechart.verdicts import Evidence
 from eyechart.verdicts.admission import ClauseResult, hold
 
@@ -42,30 +42,30 @@ class Figures:
     in ``parse`` and in the pairs.
     """
 
-    def __init__(self, told: SceneAnswers, space: Discrete, mask: Mask, how: Bootstrap) -> None:
-        real, mirrored = told.replies_to("real"), told.replies_to("mirrored")
+    def __init__(self, answers: SceneAnswers, space: Discrete, mask: Mask, how: Bootstrap) -> None:
+        real, mirrored = answers.replies_to("real"), answers.replies_to("mirrored")
         chosen = [place for place in np.flatnonzero(mask) if real[place] is not None]
-        self._told, self._space, self._how = told, space, how
+        self._answers, self._space, self._how = answers, space, how
         self._frames = np.array(chosen, dtype=np.int64)
-        self._real = [told.estimates("real")[place] for place in chosen]
-        self._asked = np.array([mirrored[place] is not None for place in chosen], dtype=np.bool_)
-        self._mirrored = [told.estimates("mirrored")[place] for place in chosen]
+        self._real = [answers.estimates("real")[place] for place in chosen]
+        self._has_mirrored = np.array([mirrored[place] is not None for place in chosen], dtype=np.bool_)
+        self._mirrored = [answers.estimates("mirrored")[place] for place in chosen]
 
     def statistics(self) -> dict[str, Statistic]:
         """Return every figure by name."""
-        close, said = self._told.close[self._frames], _flags(self._real, lambda one: one.close)
+        close, said = self._answers.close[self._frames], _flags(self._real, lambda one: one.close)
         parsed = _given(self._real)
         right = parsed & (said == close)
         actions = [self._act(one) for one in self._real if one is not None]
         turning = _flags(self._real, lambda one: self._act(one) in self._space.directional)
         counted = "counted on the frames as they are"
-        asked, also = self._asked.astype(np.float64), _given(self._mirrored).astype(np.float64)
+        mirrored, also = self._has_mirrored.astype(np.float64), _given(self._mirrored).astype(np.float64)
 
-        def exchanged(estimate: Estimate, other: Estimate) -> bool:
+        def is_exchanged(estimate: Estimate, other: Estimate) -> bool:
             return self._space.reflect(self._act(estimate)) == self._act(other)
 
         return {
-            "parse": self._ratio(parsed.astype(np.float64) + also, 1.0 + asked),
+            "parse": self._ratio(parsed.astype(np.float64) + also, 1.0 + mirrored),
             "close_accuracy": self._share(right),
             "balanced_accuracy": self._balanced(right, close),
             "sensitivity": self._share(right, close),
@@ -73,21 +73,21 @@ class Figures:
             "gap_mae_m": self._gap_error(),
             "lead_missed": self._share(
                 _flags(self._real, lambda one: one.gap_m is None),
-                self._told.visible[self._frames] & parsed,
+                self._answers.visible[self._frames] & parsed,
             ),
             "scene_equivariance": self._pairs(lambda one, other: one.mirrored() == other),
             "scene_equivariance.confidence_aside": self._pairs(
                 lambda one, other: not SCENES.distance(one.mirrored(), other)
             ),
-            "action_equivariance": self._pairs(exchanged),
-            "swap_rate": self._pairs(exchanged, turning),
-            "disagreement": self._share(_flags(self._real, lambda one: one.disagrees(self._told.distances)), parsed),
+            "action_equivariance": self._pairs(is_exchanged),
+            "swap_rate": self._pairs(is_exchanged, turning),
+            "disagreement": self._share(_flags(self._real, lambda one: one.disagrees(self._answers.distances)), parsed),
             "actions": Statistic(float(len(set(actions))), len(actions), method=counted) if actions else _nothing(),
             "directional": Statistic(float(turning.sum()), len(actions), method=counted) if actions else _nothing(),
         }
 
     def _act(self, estimate: Estimate) -> str:
-        return estimate.act(self._told.distances)
+        return estimate.act(self._answers.distances)
 
     def _share(self, hits: Mask, of: Mask | None = None) -> Statistic:
         among = np.ones(len(hits), dtype=np.bool_) if of is None else of
@@ -117,13 +117,15 @@ class Figures:
 
     def _gap_error(self) -> Statistic:
         """Return the mean absolute error of estimated gaps of leads in the picture, in metres."""
-        if self._told.unit != "m":
-            return not_available(f"the bank's gap is in {self._told.unit}, and estimates are in metres")
-        told = [-1.0 if one is None or one.gap_m is None else one.gap_m for one in self._real]
-        given = self._told.visible[self._frames] & (np.array(told) >= 0)
+        if self._answers.unit != "m":
+            return not_available(f"the bank's gap is in {self._answers.unit}, and estimates are in metres")
+        gaps_m = [-1.0 if one is None or one.gap_m is None else one.gap_m for one in self._real]
+        given = self._answers.visible[self._frames] & (np.array(gaps_m) >= 0)
         if not given.any():
             return not_available("no estimate gives a gap for a lead that is in the picture")
-        errors = np.where(given, np.abs(np.array(told) - np.where(given, self._told.gap_m[self._frames], 0.0)), 0.0)
+        errors = np.where(
+            given, np.abs(np.array(gaps_m) - np.where(given, self._answers.gap_m[self._frames], 0.0)), 0.0
+        )
         found = self._mean(np.column_stack([errors, given]))
         worst = float(errors.max())
         return replace(found, n=int(given.sum()), detail={"largest": worst}, unit="m")
@@ -132,7 +134,9 @@ class Figures:
         """Return the share of equal pairs over frames with a reflected call, or of a mask."""
         both = zip(self._real, self._mirrored, strict=True)
         hits = [one is not None and other is not None and equal(one, other) for one, other in both]
-        return self._share(np.array(hits, dtype=np.bool_), self._asked if of is None else self._asked & of)
+        return self._share(
+            np.array(hits, dtype=np.bool_), self._has_mirrored if of is None else self._has_mirrored & of
+        )
 
     def _mean(self, sums: Floats) -> Statistic:
         episodes = self._how.episodes
@@ -168,14 +172,14 @@ class EstimatorScore:
     version: str
     planned: int
     answered: int
-    told: SceneAnswers
+    answers: SceneAnswers
     statistics: Mapping[str, Statistic]
     before: Mapping[str, Statistic] | None
     clauses: tuple[ClauseResult, ...]
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        said = {"unread": self.told.reasons, "repairs": self.told.repairs, "before_collision": self.before}
+        said = {"unread": self.answers.reasons, "repairs": self.answers.repairs, "before_collision": self.before}
         return to_json_fields(self, "version planned answered clauses statistics", admitted=self.is_admitted, **said)
 
     @property
@@ -229,7 +233,7 @@ class StructuredScore(CallsScore[EstimatorScore]):
                 statistics=model.statistics,
                 planned=model.planned,
                 answered=model.answered,
-                replies={"": model.told.reasons},
+                replies={"": model.answers.reasons},
                 guards=self.guards[spec],
             )
             for spec, model in self.models.items()
@@ -264,29 +268,29 @@ def score_run(manifest: RunManifest, bank: FrameBank, ledger_path: Path, *, held
     with Ledger(ledger_path) as ledger:
         if held:
             require_requests(ledger_path, ledger.columns(), manifest, plan)
-        told = {spec: read_told(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
+        answers = {spec: read_scene_answers(spec, ledger.replies(spec), bank, plan.frames) for spec in manifest.models}
     accounting, guards = took_run(manifest, bank, ledger_path)
     silent = "episode" in bank.manifest.absent and not bank.manifest.independent
     episodes = None if silent else np.array([frame.drive for frame in plan.frames])
     how = Bootstrap(episodes)
     models = {
-        spec: _scored(told[spec], how, version, sum(1 for _ in plan.keys_of(spec)))
+        spec: _scored(answers[spec], how, version, sum(1 for _ in plan.keys_of(spec)))
         for spec, version in manifest.models.items()
     }
     return StructuredScore(manifest, bank, models, accounting, guards, len(plan.frames))
 
 
-def _scored(told: SceneAnswers, how: Bootstrap, version: str, planned: int) -> EstimatorScore:
+def _scored(answers: SceneAnswers, how: Bootstrap, version: str, planned: int) -> EstimatorScore:
     """Score one model; the safety policy has the five driving actions, whatever the bank's."""
-    every = np.ones(len(told.frames), dtype=np.bool_)
-    statistics = Figures(told, DRIVING, every, how).statistics()
+    every = np.ones(len(answers.frames), dtype=np.bool_)
+    statistics = Figures(answers, DRIVING, every, how).statistics()
     return EstimatorScore(
-        model=told.model,
+        model=answers.model,
         version=version,
         planned=planned,
-        answered=told.finished,
-        told=told,
+        answered=answers.finished,
+        answers=answers,
         statistics=statistics,
-        before=None if told.before is None else Figures(told, DRIVING, told.before, how).statistics(),
+        before=None if answers.before is None else Figures(answers, DRIVING, answers.before, how).statistics(),
         clauses=hold(statistics),
     )

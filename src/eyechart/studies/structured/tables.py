@@ -118,13 +118,13 @@ def _figures(spec: str, score: EstimatorScore) -> tuple[Cell, ...]:
 def clauses_words(found: Iterable[tuple[str, bool | None, str]]) -> str:
     """Return in words the clauses that fail or cannot be said, from (name, holds, result)."""
     every = list(found)
-    told = []
+    sentences = []
     for begins, outcome in (("It fails ", False), ("Cannot say: ", None)):
         mine = [_clause_words(name, because) for name, holds, because in every if holds is outcome]
         if mine:
             more = f"; and {len(mine) - _TOLD} more, below" if len(mine) > _TOLD else ""
-            told.append(f"{begins}{'; '.join(mine[:_TOLD])}{more}.")
-    return " ".join(told) or f"It meets all {len(every)} clauses."
+            sentences.append(f"{begins}{'; '.join(mine[:_TOLD])}{more}.")
+    return " ".join(sentences) or f"It meets all {len(every)} clauses."
 
 
 def _clause_words(name: str, because: str) -> str:
@@ -222,7 +222,7 @@ def reading_words(score: EstimatorScore) -> list[str]:
     """Return in words whether a model is admitted, and its missing and repaired estimates."""
     partial = "" if score.answered >= score.planned else f"; {score.answered} of {score.planned} calls are answered"
     lines = [f"{score.model}: {'admitted' if score.is_admitted else 'not admitted'}{partial}"]
-    for what, counts in (("no estimate", score.told.reasons), ("repaired", score.told.repairs)):
+    for what, counts in (("no estimate", score.answers.reasons), ("repaired", score.answers.repairs)):
         if counts:
             lines.append(f"{what}: " + ", ".join(f"{name} {count}" for name, count in counts.items()))
     return lines
