@@ -160,14 +160,8 @@ def hierarchy(
         print_json(found.as_dict()) if json else print_each(Hierarchy().printed(found), 160)
 
     runs, others = [out / name for name in PARTS], choice.sources != frozenset()
-    make(
-        planned,
-        runs,
-        making.run_modes(policy, mode),
-        making.allowed(out, processes=processes),
-        show=show,
-        others=others,
-    )
+    allowed = making.allowed(out, processes=processes)
+    make(planned, runs, making.run_modes(policy, mode), allowed, show=show, others=others)
 
 
 @options.expanded

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eyechart.cli.options import AskAgain, Json, LeRobotPython, Seed, require_lerobot
+from eyechart.cli.options import AskAgain, Json, LeRobotPython, Seed
 from eyechart.cli.terminal import as_typed, from_here, print_json, print_line, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -66,6 +66,7 @@ def look(
     from eyechart.importing.columns import read_places
     from eyechart.looks import LookRequest, Pictures, Watch, folder_name, look_at_sheet, spec_of
     from eyechart.looks import look as looked
+    from eyechart.models import require_lerobot
 
     if accept not in (None, "part"):
         raise SpecError(f"--accept takes only 'part', not '{accept}'")

@@ -2,15 +2,13 @@
 
 import inspect
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
-
-from eyechart.errors import SpecError
 
 if TYPE_CHECKING:
     from eyechart.planned_run import RunAllowance
@@ -33,22 +31,11 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of stimuli, sampling and th
 Shard = Annotated[str | None, typer.Option(help="i/n: make only this part of the calls; join with 'merge'.")]
 
 
-def _has_lerobot(python: Path | None) -> Path | None:
-    """Name the Python of LeRobot's policies to this process, as its variable does.
-
-    A file here is meant before a program of the same name elsewhere: "./python" has lost its dot.
-    """
+def _name_lerobot(python: Path | None) -> Path | None:
+    """Name the Python of LeRobot's policies to this process, as its variable does; a file here comes first."""
     if python is not None:
         os.environ["EYECHART_LEROBOT_PYTHON"] = str(python.absolute() if python.exists() else python)
     return python
-
-
-def require_lerobot(specs: Iterable[str], python: Path | None) -> None:
-    """Raise SpecError for a Python of LeRobot that none of some SPECs would be asked by."""
-    named = list(specs)
-    if python is not None and not any(spec.startswith("lerobot:") for spec in named):
-        said = ", ".join(f"'{spec}'" for spec in named)
-        raise SpecError(f"--lerobot-python is for a lerobot: SPEC, and {said} runs without it: leave the option out")
 
 
 Limit = Annotated[int | None, typer.Option(help="Use only this many frames, spread over the episodes.")]
@@ -62,7 +49,7 @@ AskAgain = Annotated[
 ]
 LeRobotPython = Annotated[
     Path | None,
-    typer.Option(help="Python that has LeRobot, for a lerobot: SPEC.", callback=_has_lerobot, metavar="PYTHON"),
+    typer.Option(help="Python that has LeRobot, for a lerobot: SPEC.", callback=_name_lerobot, metavar="PYTHON"),
 ]
 Independent = Annotated[
     bool, typer.Option("--independent", help="Declare that frames outside episodes are independent draws.")

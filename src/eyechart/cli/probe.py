@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from eyechart.cli.options import AS_USUAL, Json, LeRobotPython, PriceFile, RequestOptions, expanded, require_lerobot
+from eyechart.cli.options import AS_USUAL, Json, LeRobotPython, PriceFile, RequestOptions, expanded
 from eyechart.cli.terminal import patience, print_each, print_json, progress, resumable, say
 from eyechart.errors import SpecError
 
@@ -51,6 +51,8 @@ def doctor(
     2: inconclusive, or bad input.
     Example: eyechart doctor openai:MODEL --base-url http://127.0.0.1:8000/v1
     """
+    from eyechart.models import require_lerobot
+
     require_lerobot([spec], lerobot_python)
     if frames is not None:
         _doctor_policy(_mode(spec, how.given()), frames, prompt, json=json)

@@ -291,13 +291,13 @@ def policy(
     never gave a motion; 3: stopped at --max-calls or --max-cost.
     Example: eyechart run policy --policy python:my_robot:act --frames bank --out run
     """
-    from eyechart.models import states
+    from eyechart.models import require_lerobot, states
     from eyechart.run import read_shard
     from eyechart.studies import policy as study
 
     given = {} if timeout_s is None else {"timeout_s": timeout_s}
     run_modes = making.run_modes(policy, mode, **given)
-    options.require_lerobot((one.spec for one in run_modes.modes), lerobot_python)
+    require_lerobot((one.spec for one in run_modes.modes), lerobot_python)
 
     def planned(modes: "Sequence[RequestMode]") -> "PolicyRun":
         extent = study.PolicySelection(limit, None if shard is None else read_shard(shard), answers, shapley)

@@ -263,6 +263,14 @@ def find_mode(given: Path) -> RequestMode:
     return mode
 
 
+def require_lerobot(specs: Iterable[str], python: Path | None) -> None:
+    """Raise SpecError for a Python of LeRobot that none of some SPECs would be asked by."""
+    named = list(specs)
+    if python is not None and not any(spec.startswith("lerobot:") for spec in named):
+        said = ", ".join(f"'{spec}'" for spec in named)
+        raise SpecError(f"--lerobot-python is for a lerobot: SPEC, and {said} runs without it: leave the option out")
+
+
 def require_options(mode: RequestMode, known: Mapping[str, str]) -> None:
     """Raise SpecError for an option that the adapter does not know, or a body with messages."""
     if "messages" in mode.body:

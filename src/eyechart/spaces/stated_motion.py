@@ -100,7 +100,7 @@ class StatedMotionSpace(MotionSpace):
             if (one.size or 1) != steps or (one.kind == "number" and steps > 1):
                 raise SpecError(
                     f"answer field '{one.name}' is {one.size or 1} of the {steps} steps of a motion, and no step is "
-                    f'repeated: write kind = "vector", size = {steps}, or make a bank of one step (--horizon 1)'
+                    f'repeated. Write kind = "vector", size = {steps}, or make a bank of one step (--horizon 1)'
                 )
 
     @property

@@ -185,7 +185,7 @@ def _prompt_for(bank: FrameBank, specs: Collection[str], file: str | None, out: 
     in_words = [spec for spec in specs if states(spec)]
     if in_words and len(in_words) < len(specs):
         raise SpecError(
-            f"{', '.join(in_words)} states numbers in words, and the other policies return arrays: they are not asked "
+            f"{', '.join(in_words)} states numbers in words, and the other policies return arrays. They are not asked "
             "alike, so run them in two folders; 'eyechart report ONE OTHER --out page.html' shows both"
         )
     if in_words and file is None and is_run(out):
