@@ -87,7 +87,8 @@ def of_early(rng: Random) -> str:
     course.turns = {side: rng.choice((0, 0, 3, 8, 20)) for side in course.turns}
     course.passed, course.frames = 9, rng.choice((5, len(FRAMES)))
     course._judge()
-    point = repr(course.stopped(40)).replace("StoppingPoint(", "Stopped(")  # as it was called then
+    point = repr(course.stopped(40))
+    point = point.replace("StoppingPoint(", "Stopped(").replace("other_claims=", "with_it=")  # as they were called then
     return f"{course.label}\t{course.lateral}\t{point}"
 
 

@@ -301,7 +301,10 @@ def _number_after(name: str, marker: str, digits: int = 3) -> Change:
             _number_after("report.html", "<bdi>idi</bdi>"),
             rf"report\.html, statistics, table '{MODEL}', idi",
         ),
-        (_number_after("report.html", 'id="agreement-text_'), r"report\.html, agreement, figure 'Agreement with the"),
+        (
+            _number_after("report.html", 'id="agreement-text_', digits=1),
+            r"report\.html, agreement, figure 'Agreement with the",
+        ),
         (
             _number_after("report.html", 'id="information-PathCollection', digits=1),
             r"report\.html, information, figure 'Action entr",

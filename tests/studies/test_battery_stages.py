@@ -69,15 +69,17 @@ def painted(query: Query) -> Reply:
 ANSWERS: dict[str, Callable[[Query], Reply]] = {"blind": stand_ins.stop, "reader": reading, "paint": painted}
 
 
-def rule(found: Mapping[str, Statistic], *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
+def rule(
+    found: Mapping[str, Statistic], *, supplied: Collection[str], conditions_run: Collection[str]
+) -> tuple[str, ...]:
     """Want the lanes and then the rest of who brakes nearer, and the nudge of who follows paint."""
     far, paint = found["depth_interventional"].p, found["content_recoloured"].p
     wanted: tuple[str, ...] = ()
     if far is not None and far < 0.01:
-        wanted = REST if set(LANES) <= set(asked) else LANES
+        wanted = REST if set(LANES) <= set(conditions_run) else LANES
     elif paint is not None and paint < 0.01:
         wanted = ("nudged",)
-    return tuple(name for name in wanted if name in supplied and name not in asked)
+    return tuple(name for name in wanted if name in supplied and name not in conditions_run)
 
 
 @pytest.fixture(autouse=True)
@@ -387,8 +389,8 @@ def test_what_an_older_version_asked_of_the_absent_lead_is_finished(
 ) -> None:
     """It asked no true picture beside it; where some of its calls are still to be made, today's stage is asked."""
 
-    def absent(_: object, *, supplied: Collection[str], asked: Collection[str]) -> tuple[str, ...]:
-        return tuple(name for name in ("lead_absent", "real_again") if name in supplied and name not in asked)
+    def absent(_: object, *, supplied: Collection[str], conditions_run: Collection[str]) -> tuple[str, ...]:
+        return tuple(name for name in ("lead_absent", "real_again") if name in supplied and name not in conditions_run)
 
     monkeypatch.setattr(stages, "controls_wanted", absent)
     made = make(bank, tmp_path / "run", BLIND)

@@ -48,7 +48,8 @@ class ClauseResult:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return to_json_fields(self, "least outcome", clause=self.name) | to_json_fields(self.statistic, "value n ci")
+        found = {"clause": self.name, "least": self.least, **to_json_fields(self.statistic, "value n ci")}
+        return {**found, "outcome": self.outcome}
 
     @property
     def name(self) -> str:

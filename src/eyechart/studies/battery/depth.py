@@ -457,7 +457,7 @@ def _slope(levels: Floats | Sequence[Floats], distances: Sequence[Floats]) -> Fl
     """Return by frame what the slope of two levels by their distances sums up, shape (2, frames)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         apart, doublings = levels[0] - levels[1], np.log2(distances[1] / distances[0])
-    return np.where(np.isfinite(apart + doublings), [apart * doublings, doublings**2], 0.0)
+        return np.where(np.isfinite(apart + doublings), [apart * doublings, doublings**2], 0.0)
 
 
 def _only(values: Floats, which: Mask | None) -> Floats:

@@ -94,8 +94,8 @@ class BlindBaseline:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        own = to_json_fields(self, "condition asks finding sentence", policy=self.driver.policy)
-        return self.paired.as_dict() | own
+        own = to_json_fields(self, "condition asks finding sentence")
+        return {**self.paired.as_dict(), "policy": self.driver.policy, **own}
 
     @property
     def sentence(self) -> str:
