@@ -251,6 +251,15 @@ def test_a_depth_whose_order_of_calls_is_not_known_says_so(*, known: bool) -> No
     assert (said in verdict.notes) is not known
 
 
+def test_a_memory_is_settled_by_answers_without_one() -> None:
+    """More frames would not settle it."""
+    verdict = Run(picture_before=Statistic(0.1, 300, (0.05, 0.2))).verdict
+    assert verdict.calibrated.label == "depth_associated"
+    assert "that earlier pictures move its braking less than half as much is not shown" in verdict.calibrated.because
+    assert verdict.why_not is not None
+    assert verdict.why_not.settle == "an answer to each picture of its own: no memory of earlier calls"
+
+
 def test_what_is_refuted_is_no_matter_of_more_frames() -> None:
     """Only a clause that is refuted refutes."""
     assert is_refuted(by_hand(rise=Rise(4.0, 400, p=0.01)))

@@ -166,7 +166,8 @@ def trees() -> dict[str, ast.Module]:
     """Return the syntax tree of each module of the source, and of what makes the model organisms."""
     homes = (SOURCE, SOURCE.parent / "organisms")
     paths = {path.relative_to(home).as_posix(): path for home in homes for path in sorted(home.rglob("*.py"))}
-    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in paths.items()}
+    source = {name: path for name, path in paths.items() if not name.startswith("build/")}  # a wheel's copy of it
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in source.items()}
 
 
 def identifiers(tree: ast.Module) -> set[str]:

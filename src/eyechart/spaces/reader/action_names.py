@@ -66,11 +66,6 @@ class ActionNames:
         """Return what the numbers among the names measure."""
         return _quantity(self)
 
-    @property
-    def has_letters(self) -> bool:
-        """Return whether a name is a single letter."""
-        return bool(_marks(self).letters)
-
     def in_digits(self, text: str) -> str:
         """Return a text with digits for number words that are a choice, if names are numbers."""
         return quantities.in_digits(text, self.quantity.units) if _marks(self).numbers else text
