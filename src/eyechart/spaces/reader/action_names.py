@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
-from eyechart.spaces.reader import marks, quantities
+from eyechart.spaces.reader import languages, marks, quantities
 from eyechart.spaces.reader.marks import LETTERS as _WORD
 from eyechart.spaces.reader.marks import Mention
 
@@ -66,9 +66,12 @@ class ActionNames:
         """Return what the numbers among the names measure."""
         return _quantity(self)
 
-    def in_digits(self, text: str) -> str:
-        """Return a text with digits for number words that are a choice, if names are numbers."""
-        return quantities.in_digits(text, self.quantity.units) if _marks(self).numbers else text
+    def in_english(self, text: str) -> str:
+        """Return a text with English words for those of a choice, and digits for such number words."""
+        foreign = languages.is_foreign(text)
+        if _marks(self).numbers:
+            text = quantities.in_digits(text, self.quantity.units, commas=foreign)
+        return languages.in_english(text, tuple(written for written, _ in self.spelled)) if foreign else text
 
     def whole(self, text: str) -> str | None:
         """Return the action if a text is only its name, even with spaced letters."""

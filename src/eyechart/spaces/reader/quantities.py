@@ -44,15 +44,9 @@ _KILOMETRES_AN_HOUR = (
     *("kilometers per hour", "kilometres per hour"),
 )
 
-_STEERING = (
-    r"steer(?:ing)?(?:[ _-](?:wheel))?(?:[ _-](?:angle|value|command|cmd|output|input|bin|level))?"
-    r"|lenkung|lenkbefehl|转向|方向盘"
-)
-_ANGLE = (
-    rf"{_STEERING}|(?:turn(?:ing)?[ _-]|yaw[ _-])?angle|lenkwinkel|winkel|[aá]ngulo(?: de (?:giro|dirección))?"
-    r"|angle de braquage|angolo(?: di sterzata)?|转向角度?|角度|舵角|угол(?: поворота)?"
-)
-_SPEED = r"speed|velocity|geschwindigkeit|vitesse|velocidad|velocit[àa]|velocidade|snelheid|速度|скорость|prędkość"
+_STEERING = r"steer(?:ing)?(?:[ _-](?:wheel))?(?:[ _-](?:angle|value|command|cmd|output|input|bin|level))?"
+_ANGLE = rf"{_STEERING}|(?:turn(?:ing)?[ _-]|yaw[ _-])?angle"
+_SPEED = "speed|velocity"
 _WANTED = (
     r"(?:(?:the|my|final|next|new|chosen|selected|recommended|suggested|proposed|commanded|target|desired|wanted"
     r"|appropriate|required|safe|safest|best|right|correct|set|output)[ _-]){0,3}"
@@ -86,7 +80,7 @@ class Quantity:
             yield from re.finditer(
                 rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}"
                 rf"(?:[ \t]?[(\[](?:{self.keyed})[)\]])?"
-                r"(?:[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b|(?<=[\u4e00-\u9fff])[为是])+[ \t]*"
+                r"(?:[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b)+[ \t]*"
                 r"|[ \t](?=[+-]?\d[^\n]{0,9}$)|\((?=[+-]?[\d.]+\)[;\s]*$))",
                 text,
                 re.IGNORECASE | re.MULTILINE,
@@ -157,22 +151,14 @@ def number_in_words(text: str) -> str | None:
     return None if split is None else split[0]
 
 
-_FOREIGN = re.compile(
-    r"\b(?:antwort|aktion|entscheidung|geschwindigkeit|lenkwinkel|winkel|wähle|nehme|respuesta|acción|decisión"
-    r"|velocidad|ángulo|elijo|escojo|réponse|vitesse|choisis|prends|risposta|azione|velocità|angolo|scelgo|resposta|ação"
-    r"|velocidade|escolho|ответ|скорость|угол|выбираю|antwoord|snelheid|kies|odpowiedź|prędkość|svar)\b",
-    re.IGNORECASE,
-)
-"""Words of languages with a decimal comma."""
 _COMMA = re.compile(r"(?<![\w.,\[])([+-]?\d{1,3}),(\d{1,2})(?![\d.,]|\s?,\s?\d)")
 
 
-def in_digits(text: str, units: Sequence[str]) -> str:
+def in_digits(text: str, units: Sequence[str], *, commas: bool) -> str:
     """Return a text with digits for number words and points for decimal commas, in a choice.
 
     Words count after "option" or similar, and before the space's unit; "one" has other meanings
-    too. A comma is a decimal point before the unit, and near words of a language with decimal
-    commas.
+    too. A comma is a decimal point before the unit, and in a language with decimal ``commas``.
     """
     unit = (
         rf"(?=[\s-]{{0,2}}(?:{'|'.join(map(re.escape, sorted(units, key=len, reverse=True)))})(?!\w))" if units else ""
@@ -182,7 +168,7 @@ def in_digits(text: str, units: Sequence[str]) -> str:
     if unit:
         text = re.sub(rf"(?<![\w-])(?P<before>)(?P<number>{_WORDED}){unit}", _digits, text, flags=re.IGNORECASE)
         text = re.sub(_COMMA.pattern + unit, r"\1.\2", text, flags=re.IGNORECASE)
-    return _COMMA.sub(r"\1.\2", text) if "," in text and _FOREIGN.search(text) else text
+    return _COMMA.sub(r"\1.\2", text) if commas else text
 
 
 def _digits(match: re.Match[str]) -> str:

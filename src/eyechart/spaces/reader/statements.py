@@ -161,7 +161,7 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     if (bare := names.whole(fold(visible))) is not None:
         return Decision(bare)
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
-    text = names.in_digits(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
+    text = names.in_english(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
     words = _find(text, names)
     if words.action is None:
         return Decision(None, "refused") if refuses(visible) else words
