@@ -16,16 +16,17 @@ _GLOSSES = {
     "optaria scelgo sceglierei consiglio consiglierei raccomando suggerisco seleziono selezionerei direi opterei "
     "wybieram polecam выбираю выберу рекомендую предлагаю обираю",
     "choose": "wähle nehme empfehle entscheide schlage elegir escoger tomar tomo choisis choisirais choisirai choisir "
-    "prends prendrais prendre opte opterais recommande recommanderais suggère conseille dirais sélectionne escolher "
+    "prends prendrais prendre opte opterais recommande recommanderais suggère conseille dirais sélectionne escolher выбрать "
     "prendo prenderei scegliere kies neem adviseer väljer",
     "would": "würde zou skulle",
     "should": "sollte sollten muss soll doit devrait dois devons debe debería deberíamos debemos deve deveria devo "
-    "dovrebbe dovremmo moet bör powinien должен нужно надо",
-    "we should": "faut",
+    "dovrebbe dovremmo moet bör powinien должен",
+    "we should": "faut нужно надо",
     "for": "für por per pour voor för",
     "with": "mit avec con com met",
     "at": "à",
-    "is": "est ist è é är jest sería serait wäre seria sarebbe",
+    "chosen": "choisie choisi elegida elegido scelto escolhida escolhido gewählte gewählter",
+    "is": "lautet est ist è é är jest sería serait wäre seria sarebbe",
     "be": "sein être ser essere zijn",
     "option": "opción opcion opção opzione optie opcja opcję вариант",
     "action": "acción accion ação azione aktion actie akcja akcję действие maniobra manobra manovra manöver",
@@ -86,10 +87,12 @@ _JOINED = (
     (re.compile(rf"\bshould\s+{_MARK}"), "should be "),
     (re.compile(r"\b(choose|would)\s+i\b"), r"i \1"),
     (re.compile(r"\bchoose\s+for\b"), "choose"),
+    (re.compile(r"\bnot\s+is\b"), "is not"),
     (re.compile(r"\bnot(?=\s*(?:[.,;]|$))"), "is wrong"),
 )
 """The order of words."""
 _NEAR = re.compile(r"[\u3040-\u30ff\u3400-\u9fff\uac00-\ud7af]")
+_CAR = r"(?<![\u3400-\u9fffの])"
 _CJK = (
     (r"(?:私|僕)は", " "),
     (r"(?:ではありません|ではない|じゃない|は(?:選び|選択し)(?:ません|ない)|を(?:選び|選択し)(?:ません|ない))", " is wrong "),
@@ -120,11 +123,14 @@ _CJK = (
     (r"选项|選択肢|선택지|옵션|オプション|方案", " option "),
     (r"答案|答え|正解|回答|정답|답변|(?<!\w)답", " answer "),
     (r"决定|決定|결정|决策", " decision "),
-    (r"(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)角?(?:档位|级别|值|値|값)", " steering value "),
-    (r"(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)(?:角度?|转角|각)", " steering angle "),
-    (r"方向盘|ステアリング|ハンドル", " steering value "),
-    (r"(?<![\u3400-\u9fff])(?:速度|속도|车速)", " speed "),
-    (r"(?:は|是|为|為|은|는)(?=\s*[\"'(]?(?:[A-Z]|[+-]?\d))", " is "),
+    (
+        rf"{_CAR}(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)角?(?:档位|级别|值|値|값)?(?:[は是为為은는](?=\s*[+-]?\d)|(?!\s?[角转]|각))",
+        " steering value: ",
+    ),
+    (rf"{_CAR}(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)?(?:角度?|转角|각)(?:应?[は是为為은는])?", " steering angle: "),
+    (rf"{_CAR}(?:速度|속도|车速)(?:应?[は是为為은는])?", " speed: "),
+    (r"(?:は|是|为|為|은|는)(?=\s*[\"'(「『«“]?(?:[A-Z]|[+-]?\d))|(?:は|是)(?=[「『])", " is "),
+    (r"不[行可好]", " is wrong "),
     (r"(?<=\d)(?:번(?!째)|番(?=[をがで])|号(?=动作|选项))", " "),
     (r"因为|因為|ため", " because "),
 )

@@ -242,10 +242,6 @@ _CHOSEN_BEFORE = re.compile(
                 rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+to)?{_END}"
             ),
             rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s| is| has to be| must be)(?:\s+the)?{_END}",
-            (
-                rf"(?:\b(?:выбираю|выберу|обираю|choisis|choisirais|elijo|escolho|scelgo|wähle|nehme|kies|wybieram)"
-                rf"|(?:我(?:会|要|将)?|^|[,.:;]\s*|应该?)(?:选择?|選擇?)){_END}"
-            ),
             rf"\b{_MEANS}\s*:?\s*(?:{_DONE})?{_END}",
         )
     )
@@ -264,7 +260,12 @@ _CHOSEN_AFTER = re.compile(
     r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call)|action|option"
     r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+works best\b"
     r"|\s+(?:recommended|advised|preferred)\b"
-    r"|\s+is what i (?:choose|pick|would (?:choose|pick|do|say))\b)"
+    r"|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take|go with|recommend)\b"
+    r"|\s+(?:should|will|would) (?:do|work|be (?:fine|enough|safe|ok|good|right|best|the (?:best|safest)))\b"
+    r"|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen|selected)(?=[\s.!]*$)"
+    r"|,?\s+i'd say\b|\s+for sure\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
+    r"|(?<=\bonly @)\s+(?:remains|is left|is possible|fits)\b|\s+(?:remains|is the only one left|is (?:all|what) (?:that )?(?:is left|remains))"
+    r"(?=[\s.,!]*$))"
     r"(?:\s+(?:action|choice|option|move|answer|decision|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
     r"|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
     r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due"
@@ -308,19 +309,27 @@ _TAKES_IT = re.compile(
     r"|\"?\s+is right(?=[\s\"']*(?:[.!,;]|$|because\b|since\b))"
 )
 """A statement about an action that is then taken: "D is free, so I go with it"."""
+_QUANTITY = r"(?:(?:speed|velocity)(?: value)?|(?:steering )?angle|steering(?: (?:value|command|bin|wheel))?|(?:steering )?(?:bin|value))"
+_FITTING = (
+    r"(?:chosen|selected|target|desired|recommended|suggested|proposed|appropriate|suitable|sensible|reasonable|adequate"
+    r"|required|necessary|needed|right|correct|proper|best|better|optimal|ideal|safest|safe|final|new)"
+)
+_SHALL = (
+    r"(?:is|would be|should be|will be|must be|has to be|needs to be)(?: (?:therefore|thus|then|hence|now|set to|at))*"
+)
+_THERE = r"(?:\s+(?:for|in|here|at|to|under|given|that|i|we)\b(?! (?:cars|trucks))[^@.;:!?,]{0,60}?)?"
+_OWN_WILL = r"(?:^|[.;,:]\s*|\bso\s+|\b(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+|\b(?:should|must|let's)\s+)"
 _SET_TO = re.compile(
-    r"\b(?:(?:chosen|selected|target|desired|recommended|appropriate|suitable|right|correct|best|safest|final|new)\s+"
-    r"(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)(?:\s+is|\s+would be|:)"
-    r"|(?:the|my|our)\s+(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:should|must|has to|needs to)"
-    r"\s+be"
-    r"|(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+(?:set|put)\s+(?:(?:the|my|our)\s+)?(?:speed|velocity"
-    r"|(?:steering\s+)?angle|steering(?:\s+\w+)?)\s+(?:to|at)"
-    r"|(?:^|[.;,:]\s*|\bso\s+)(?:set|put)\s+(?:the\s+)?(?:speed|velocity|(?:steering\s+)?angle|steering(?:\s+\w+)?)"
-    r"\s+(?:to|at)"
-    r"|(?:^|[.;,:]\s*|\bso\s+|\b(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+)(?:slow(?: down)?|accelerate|speed up"
-    r"|decelerate|brake|(?:reduce|increase|lower|raise)(?: (?:the|my|our))?(?: speed)?)\s+to"
-    r"|(?:vitesse (?:choisie|est choisie)|velocidad elegida|velocità scelta|velocidade escolhida|ángulo elegido"
-    r"|angle choisi|angolo scelto|gewählte (?:geschwindigkeit|lenkwinkel))\s+(?:est|es|è|é|ist)(?:\s+de)?)[\s\"'(:]*$"
+    rf"(?:\b{_FITTING}\s+{_QUANTITY}{_THERE}(?:\s+(?:is|therefore|thus|then|would|should|will|be|now|set to|:))+"
+    rf"|\b{_QUANTITY}\s+{_FITTING}\s+{_SHALL}"
+    rf"|(?:(?:the|my|our)\s+|^\s*|[.;,:]\s*)(?:robot's |own )?(?:{_QUANTITY}|wheel){_THERE}\s+(?:should|must|has to"
+    rf"|needs to)(?: (?:therefore|thus|then|now))*\s+be(?: (?:therefore|set to|at))*"
+    rf"|(?:steering|bin) (?:value|command|bin|choice)\s+(?:is|would be)"
+    rf"|\b{_QUANTITY}\s+(?:i|we)(?:'d|\s+would)? (?:choose|pick|set|take|use|recommend) (?:is|would be)"
+    rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel|it)\s+(?:to|at)"
+    rf"|{_OWN_WILL}(?:steer(?: by| with)?"
+    r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|lower|raise)(?: (?:the|my|our))?"
+    r"(?: speed)?)\s+to))[\s\"'(:]*$"
 )
 """Words before a number to which a speed or an angle is set."""
 
@@ -589,31 +598,6 @@ _EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.
 _IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
-
-# Sentences in other languages: the last word, with nothing English around it.
-
-_FOREIGN = re.compile(
-    r"(?:\b(?:antwort|aktion|entscheidung|wahl|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision"
-    r"|choix|risposta"
-    r"|azione|scelta|odpowiedź|akcja|svar\w*|antwoord|keuze|actie|ответ|відповідь|действие|решение)\b[^@.,;]{0,30}"
-    r"|(?:答案|答え|正解|回答|动作|動作|行動|操作|决定|決定|정답|답|답변|행동|선택)[^@.,;]{0,8}"
-    r"|\b(?:sollte|muss|würde|doit|devrait|dois|debe|debería|deve|deveria|devo|moet|bör|powinien|должен|нужно"
-    r"|надо)\b[^@.,;]{0,30}"
-    r"|\b(?:ich (?:wähle|nehme|würde)|je (?:choisis|prends|choisirais)|elijo|escojo|escolho|scelgo|(?:ik )?kies"
-    r"|wybieram|jag väljer"
-    r"|выбираю|выберу|обираю|daher|deshalb|darum|folglich|donc|alors|por (?:lo tanto|eso)|então|portanto|quindi|perciò"
-    r"|поэтому|следовательно)\b[^@.,;]{0,20}|(?:ではなく|じゃなくて?|所以|因此|应该|應該|应|我选择?|我選擇?|よって"
-    r"|したがって|なので|ので|から)[^@.]{0,8})[\s\"'(]*$"
-)
-"""Words of other languages before the name of a choice."""
-_ENDS = _one_of(
-    "です|でございます|だ|である|します|する|しましょう|してください|を(?:選び|選択し)ます|を選(?:ぶ|択する)"
-    "|に(?:し|なり)ます|にする|とする|とします|で"
-    "|が(?:最適|適切|正解|最善|安全|良い|よい|いい)(?:です|だ|でしょう|と思います)?|吧|了|입니다|이다|(?:을"
-    "|를) 선택\\S{0,4}|로 갑니다"
-)
-"""Words after the name at the end of a sentence, in languages with the verb last."""
-_LAST = re.compile(rf"[\s\"'.!)]*(?:(?:fahren|nehmen|wählen|gehen)\b|{_ENDS})?[\s\"'.!)]*$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -893,7 +877,7 @@ def _chosen(left: str, right: str, mention: Mention, *, opened: bool) -> Status:
     if status == "chosen" and mention.derived and not _BARE_FORM.match(right):
         reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
         return "chosen" if reasoned else "said"
-    return "chosen" if status == "said" and _is_foreign(left, right, mention) else status
+    return status
 
 
 def _is_measured(left: str, mention: Mention) -> bool:
@@ -947,14 +931,6 @@ def _stands_alone(left: str, right: str, *, opened: bool, several: bool) -> Stat
     if _TAIL.fullmatch(tail) or (several and _MEASURED.fullmatch(tail)):
         return "chosen"
     return "half" if _TAIL.fullmatch(re.split(r"\band\b", tail)[0]) else "said"
-
-
-def _is_foreign(left: str, right: str, mention: Mention) -> bool:
-    """Return whether a name in capitals ends a sentence of another language."""
-    if mention.written != mention.written.upper() or not _LAST.match(right):
-        return False
-    bare = not re.search(r"\w", left) and re.match(_ENDS, right.lstrip(" \"'")) is not None
-    return bare or _FOREIGN.search(left) is not None
 
 
 def _without_lists(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
