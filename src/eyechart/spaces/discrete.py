@@ -37,7 +37,9 @@ _READINGS_KEPT = 1000
 class Discrete(SpaceDefaults):
     """Discrete actions with the roles that the battery needs.
 
-    ``mirror_pairs`` exchange under reflection; other actions are their own mirror image. ``brake``
+    ``mirror_pairs`` exchange under reflection; other actions are their own mirror image. Of letters
+    and numbers without signs the first of a pair is the left one, unless its alias says "right":
+    "2 (left)" is no action where 2 is the right one. ``brake``
     lists the braking actions from hardest to mildest, ``proceed`` those that go on; an action may
     be in neither. ``aliases`` map other names to actions; no other word is read as an action.
     ``reader`` is the version of the reading rules, and no part of the space. Raises SpecError for
@@ -99,11 +101,7 @@ class Discrete(SpaceDefaults):
     @property
     def names(self) -> ActionNames:
         """Return the names of the actions and their aliases, as read in words."""
-        opposite = {
-            (spelled(one).removeprefix("-"), spelled(other).removeprefix("-")) for one, other in self.mirror_pairs
-        }
-        sided = bool(opposite) and all(one == other for one, other in opposite)
-        return ActionNames((*((action, action) for action in self.actions), *self.aliases), sided)
+        return ActionNames((*((action, action) for action in self.actions), *self.aliases), self.mirror_pairs)
 
     @property
     def choices(self) -> tuple[str, ...]:

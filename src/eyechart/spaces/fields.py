@@ -225,10 +225,7 @@ class AnswerField:
     @property
     def names(self) -> ActionNames:
         """Return the field's names and their aliases, as read in words."""
-        sided = bool(self.mirror_pairs) and all(
-            spelled(one).removeprefix("-") == spelled(other).removeprefix("-") for one, other in self.mirror_pairs
-        )
-        return ActionNames((*((one, one) for one in self.values), *self.aliased), sided)
+        return ActionNames((*((one, one) for one in self.values), *self.aliased), self.mirror_pairs)
 
     def range_of(self, value: float) -> str | None:
         """Return the first range that holds a number; None if none does."""

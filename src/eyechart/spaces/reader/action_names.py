@@ -44,11 +44,11 @@ _BOUND = re.compile(r"\W*!\s?\w[^!]*\Z|(?![\s\"'(]*[-=]+>)[^\w]{0,20}(?:[-+≤�
 class ActionNames:
     """The names of a space's actions and aliases, as written form and action.
 
-    ``sided`` says that numbers exchange with their opposites under reflection.
+    ``pairs`` exchange under reflection.
     """
 
     spelled: tuple[tuple[str, str], ...]
-    sided: bool = False
+    pairs: tuple[tuple[str, str], ...] = ()
 
     @property
     def actions(self) -> tuple[str, ...]:
@@ -60,6 +60,10 @@ class ActionNames:
         if _BOUND.match(text) and marks.split_number(text) is None:
             return None
         return _table(self).get(spelled(text)) or _loose(self).get(_loosely(text))
+
+    def side(self, action: str) -> str | None:
+        """Return the side of an action that is a mark, "" for none; None where it is unknown."""
+        return _sides(self).get(action)
 
     @property
     def quantity(self) -> quantities.Quantity:
@@ -135,12 +139,34 @@ def _table(names: ActionNames) -> dict[str, str]:
 
 @lru_cache(maxsize=256)
 def _marks(names: ActionNames) -> marks.Marks:
-    return marks.Marks.of(_united(names))
+    return marks.Marks.of(_united(names), _sides(names))
+
+
+_SIDES = ("left", "right")
+
+
+@lru_cache(maxsize=256)
+def _sides(names: ActionNames) -> dict[str, str]:
+    """Return the sides of the actions that are marks.
+
+    A number with a minus is on the left where there is one. Else the first of a pair is, unless
+    words for it say otherwise; what is in no pair has no side.
+    """
+    numbers = {action: split[0] for action in names.actions if (split := marks.split_number(action)) is not None}
+    if any(number.startswith("-") for number in numbers.values()):
+        return {one: "" if number == "0" else _SIDES[number[0] != "-"] for one, number in numbers.items()}
+    sides = {action: "" for action in names.actions if names.pairs and marks.is_mark(action)}
+    for pair in names.pairs:
+        said = [side for side in _SIDES for word, action in names.spelled if action == pair[0] and side in word.lower()]
+        for action, side in zip(pair, reversed(_SIDES) if said == ["right"] else _SIDES, strict=True):
+            sides |= {action: side} if action in sides else {}
+    return sides
 
 
 @lru_cache(maxsize=256)
 def _quantity(names: ActionNames) -> quantities.Quantity:
-    return quantities.quantity_of(names.spelled, sided=names.sided)
+    opposite = [[spelled(one).removeprefix("-") for one in pair] for pair in names.pairs]
+    return quantities.quantity_of(names.spelled, sided=bool(opposite) and all(one == other for one, other in opposite))
 
 
 @lru_cache(maxsize=256)
@@ -153,8 +179,13 @@ def _united(names: ActionNames) -> tuple[tuple[str, str], ...]:
     )
 
 
+_OWN = r"(?:the|your|my|an?|its|our|their|this|that|some)"
+_WHICH = r"(?:current|own|same|present)"
+_KIND = r"(?:(?:right|left)(?:-hand)?|open|closed|near(?:est|by|er)?|next|first|second|same|other|front|main|white)"
+"""Words before the noun of a name: "keep the current lane", and of one with "the": "follow the left wall"."""
 _SMALL_WORDS = re.compile(
-    r"(?<=[\s_-])(?:(?:to|on|onto|into|towards?|in|by)[\s_-]+(?=(?:the|your|my|an?)[\s_-]))?(?:the|your|my|an?|to)[\s_-]+"
+    rf"(?<=[\s_-])(?:(?:to|on|onto|into|towards?|in|by)[\s_-]+(?={_OWN}[\s_-]))?(?:{_OWN}|to)[\s_-]+"
+    rf"(?:(?:{_WHICH}|{_KIND}(?=[\s_-]))[\s_-]+)?"
     r"|(?<=[\s_-])(?:onto|into|towards?)[\s_-]+|(?<=[\s_-]lane)s(?=[\s_-])",
     re.IGNORECASE,
 )
@@ -203,20 +234,27 @@ def _loose(names: ActionNames) -> dict[str, str]:
     return {form: actions.pop() for form, actions in found.items() if len(actions) == 1}
 
 
-def _parts(written: str) -> list[str]:
-    """Return patterns of a name's words; "lane" inside it matches "lanes"."""
-    parts = [re.escape(part) for part in re.split(r"[\s_-]+", written) if part]
-    return [
-        f"{part}s?" if 0 < at < len(parts) - 1 and part.upper() == "LANE" else part for at, part in enumerate(parts)
-    ]
+_BETWEEN = rf"(?:[\s-]{{1,3}}(?:(?:(?:to|on|onto|into|towards?)\s)?(?:{_OWN}\s)?(?:{_WHICH}\s)?)|)"
+
+
+def _words_pattern(written: str) -> str:
+    """Return a pattern of a name's words with small words between; "lane" inside it matches "lanes"."""
+    found = ""
+    parts = [part for part in re.split(r"[\s_-]+", written) if part]
+    for at, part in enumerate(parts):
+        inside = 0 < at < len(parts) - 1
+        if inside and part.upper() == "THE":
+            found += rf"(?:[\s-]{{1,3}}{_OWN}|the)(?:\s{_KIND}(?=\s))?"
+        else:
+            found += (_BETWEEN if at else "") + re.escape(part) + "s?" * (inside and part.upper() == "LANE")
+    return found
 
 
 @lru_cache(maxsize=256)
 def _pattern(names: ActionNames) -> re.Pattern[str]:
-    between = r"(?:[\s-]{1,3}(?:(?:(?:to|on|onto|into|towards?)\s)?(?:(?:the|your|my|an?)\s)?)|)"
     worded = [written for written, _ in names.spelled if not marks.is_mark(written)]
     worded += [active for written in worded if (active := _active(written)) is not None]
-    each = [between.join(_parts(written)) for written in sorted(worded, key=len, reverse=True)]
+    each = [_words_pattern(written) for written in sorted(worded, key=len, reverse=True)]
     # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is part of a word.
     before = rf"(?<![{_WORD}])(?<![{_WORD}]-)"
     latin = [one for one in each if one[0].isascii() or re.match(rf"[{_WORD}]", one)]

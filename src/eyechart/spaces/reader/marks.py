@@ -34,17 +34,18 @@ _CALL_BEFORE, _CALL_AFTER = re.compile(r"\w\(([^()\n]{0,40})\Z"), re.compile(r"[
 _LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
     r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
-    r"|arrows?|bins?|case|opción|opção|opzione|optie|aktion|antwort|选项|選択肢|选)"
+    r"|arrows?|bins?|case)"
 )
 _WITH_OPTION = re.compile(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
 _BEFORE = re.compile(
     r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|"
-    r"press|pressing|push|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|i'd|i'll|it's|that's|with|for|to|"
-    r"on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
+    r"press|pressing|push|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|must|i'd|i'll|it's|that's|that'd"
+    r"|with|for|to|on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
     r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
     r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
-    r"believe|think|guess|suppose|lautet|steering|final|best|safest|correct|ist|est|es|è|weil|wähle|nehme|elijo|escojo|escolho|scelgo|"
-    r"choisis|prends|kies|выбираю|ответ|oder|und|ou|et|o|u|y|e|.*(?:选择?|選擇?|選|是|为|為|は|答案|动作|動作|回答)"
+    r"believe|think|guess|suppose|mean|steer|steering|final|best|better|safest|correct|because|by|o|u|y|e"
+    r"|obviously|clearly|definitely|certainly|absolutely|surely|probably|likely|preferably|actually|wait|sorry"
+    r"|perhaps|maybe|possibly|alternatively|later|afterwards|leaves|leaving|makes|remains|course|doubt|first"
 )
 _SET = re.compile(
     r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|maintain"
@@ -55,26 +56,30 @@ _SET = re.compile(
 _WITH_QUANTITY = re.compile(
     r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value)\s(?:value\s)?of\s$", re.IGNORECASE
 )
-_SIDE_AFTER = re.compile(
-    r"[\s,:;()=-]{0,4}(?:(?:i\.e\.|that is|an?|to|the|towards?|turn(?:ing)?|steer(?:ing)?|go|bear|swing|hard|full|fully"
-    r"|sharp|sharply|slight|slightly|gentle|gently|soft|softly|strong|strongly|medium|bit|little)\s+){0,4}"
-    r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|hand|one|now|away|here|there|ahead)\b|-)",
-    re.IGNORECASE,
+_TURN = (
+    r"(?:(?:i\.e\.|that is|an?|to|the|towards?|turn(?:ing)?|steer(?:ing)?|go|bear|swing|chang(?:e|ing)|switch(?:ing)?"
+    r"|mov(?:e|ing)|lanes?|by|hard|full|fully|sharp|sharply|slight|slightly|gentle|gently|soft|softly|strong|strongly"
+    r"|medium|bit|little|\d+(?:°| degrees))\s+){0,4}"
 )
+_SIDE = (
+    r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|was|would|and|or|hand|one|now|away|here|there"
+    r"|ahead|behind|next|before|after|in|at|blocked|occupied|closed|taken|free|has|leads)\b|-)"
+)
+_SIDE_AFTER = re.compile(rf"[\s.,:;()=-]{{0,4}}{_TURN}{_SIDE}", re.IGNORECASE)
 _APART = re.compile(r"(?:^|\n|[^\w)\s])[ \t]*[+-]\s+\Z")
 """A dash before a space: it may be the number's sign or a list's."""
 _SIDE_BEFORE = re.compile(
-    r"\b(?:steer|turn|go|swing|bear|hard|slight|slightly|sharp|sharply|full)\s+(?:to\s+the\s+)?(?P<side>left|right)"
-    r"(?:\s+by)?[\s:=(]{1,3}$",
+    r"\b(?:steer|turn|go|swing|bear|change|lanes?|hard|slight|slightly|sharp|sharply|full)\s+(?:to\s+the\s+)?"
+    r"(?P<side>left|right)(?:\s+(?:by|hard|slightly|sharply|a (?:bit|little)|\d+(?:°| degrees))){0,2}[\s:=(]{1,3}$",
     re.IGNORECASE,
 )
 _AFTER = re.compile(
-    r"because|since|as|is|was|would|seems|looks|appears|remains|due|so|and|or|but|given|then|"
-    r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|which|for|"
-    r"until|till|later|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although|not|only|ist|"
-    r"est|es|è|weil|porque|denn|parce|потому|oder|und|ou|et"
+    r"because|since|as|is|was|would|should|seems|looks|appears|remains|due|so|and|or|but|given|then|"
+    r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|i'd|which|for|over|the|"
+    r"until|till|later|afterwards|next|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although"
+    r"|not|only|makes|gets|has|selected|chosen|followed|will"
 )
-_WITH_NEXT = re.compile(rf"\s+(?:or|and|und|oder|ou|et|o|y|или|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
+_WITH_NEXT = re.compile(rf"\s+(?:or|and|o|y|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
 """A second mark: "either 0 or 2" is a list, whatever precedes its first."""
 _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
 """Verbs of an option, never after an article."""
@@ -146,10 +151,14 @@ def is_mark(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """The names of a space that are marks: letters, and numbers with their possible units."""
+    """The names of a space that are marks: letters, and numbers with their possible units.
+
+    ``sides`` are "left", "right" or "" of the actions, as far as they are known.
+    """
 
     letters: Mapping[str, str]
     numbers: Mapping[str, tuple[tuple[str, str], ...]]
+    sides: Mapping[str, str]
 
     @property
     def is_signed(self) -> bool:
@@ -157,14 +166,15 @@ class Marks:
         return any(number.startswith("-") for number in self.numbers)
 
     @classmethod
-    def of(cls, spelled: Sequence[tuple[str, str]]) -> "Marks":
+    def of(cls, spelled: Sequence[tuple[str, str]], sides: Mapping[str, str]) -> "Marks":
         """Return the marks among written names and their actions, with the longest units first."""
         letters = {name: action for name, action in spelled if len(name) == 1 and is_mark(name) and name.isalpha()}
         numbers: dict[str, list[tuple[str, str]]] = {}
         for name, action in spelled:
             if (split := split_number(name)) is not None and _NAMED.fullmatch(name):
                 numbers.setdefault(split[0], []).append((split[1].strip(), action))
-        return cls(letters, {number: tuple(sorted(found, key=_longest)) for number, found in numbers.items()})
+        longest = {number: tuple(sorted(found, key=_longest)) for number, found in numbers.items()}
+        return cls(letters, longest, sides)
 
 
 def _longest(named: tuple[str, str]) -> int:
@@ -174,17 +184,18 @@ def _longest(named: tuple[str, str]) -> int:
 def mentions(text: str, marks: Marks) -> Iterator[Mention]:
     """Yield the marks in a folded text that are options."""
     if marks.numbers:
-        yield from _numbers(text, marks.numbers, signed=marks.is_signed)
+        yield from _numbers(text, marks)
     if marks.letters:
-        yield from _letters(text, marks.letters)
+        yield from _letters(text, marks)
 
 
-def _numbers(text: str, numbers: Mapping[str, tuple[tuple[str, str], ...]], *, signed: bool) -> Iterator[Mention]:
+def _numbers(text: str, marks: Marks) -> Iterator[Mention]:
+    numbers, signed = marks.numbers, marks.is_signed
     for match in _TOKEN.finditer(text):
         split = split_number(match["number"])
         for unit, action in numbers.get(split[0], ()) if split is not None else ():
             start, end = match.start(), _unit_end(text, match.end(), unit)
-            if end is None or (signed and split is not None and is_other_side(split[0], text, start, end)):
+            if end is None or _is_other_side(marks.sides.get(action), text, start, end):
                 continue
             if _is_beside(match["number"], unit, text, start, end) or _is_one_of_others(text, start, end, numbers):
                 continue
@@ -222,18 +233,15 @@ def _is_beside(number: str, unit: str, text: str, start: int, end: int) -> bool:
     return any(one is not None and one["number"] != number for one in around)
 
 
-def is_other_side(number: str, text: str, start: int, end: int) -> bool:
-    """Return whether the words at a number contradict its sign: "2 (hard left)".
+def _is_other_side(side: str | None, text: str, start: int, end: int) -> bool:
+    """Return whether the words at a mark contradict its action's side: "2 (hard left)".
 
-    Negative is left. Such a contradiction names nothing.
+    Such a contradiction names nothing.
     """
+    if side is None:
+        return False
     found = _SIDE_AFTER.match(text, end) or _SIDE_BEFORE.search(text, max(0, start - 40), start)
-    return found is not None and is_contrary(number, found["side"])
-
-
-def is_contrary(number: str, side: str) -> bool:
-    """Return whether a number's sign contradicts a side, "left" or "right"; a negative one is left."""
-    return number == "0" or number.startswith("-") is not (side.lower() == "left")
+    return found is not None and found["side"].lower() != side
 
 
 def _unit_end(text: str, start: int, unit: str) -> int | None:
@@ -244,7 +252,8 @@ def _unit_end(text: str, start: int, unit: str) -> int | None:
     return None if match is None else match.end()
 
 
-def _letters(text: str, letters: Mapping[str, str]) -> Iterator[Mention]:
+def _letters(text: str, marks: Marks) -> Iterator[Mention]:
+    letters = marks.letters
     of_any_case = {letter.upper(): action for letter, action in letters.items()}
     for match in _LETTER.finditer(text):
         letter, start, end = match["letter"], match.start(), match.end()
@@ -254,7 +263,7 @@ def _letters(text: str, letters: Mapping[str, str]) -> Iterator[Mention]:
         closed = closed or (_OPENS.match(text, end) is not None and not re.search(r"\w", text[:start][-40:]))
         if action is None and (named or closed):
             action = of_any_case.get(letter.upper())
-        if not named and _is_shortened(text, match):
+        if (not named and _is_shortened(text, match)) or _is_other_side(marks.sides.get(action or ""), text, start, end):
             continue
         if action is not None and (letter != "I" or named or closed) and _is_option(text, start, end, letter=True):
             yield Mention(action, letter, _begin(text, start), end)

@@ -126,7 +126,9 @@ _WHOLE = {
 }
 _ANY = "|".join(sorted(_WHOLE, key=len, reverse=True)).replace("-", "[ -]")
 _MINUS = r"(?:minus|negative|moins|menos|meno|минус|负)"
-_WORDED = rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?)"
+_WORDED = (
+    rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?|half an?|an? half|half|point (?:{_ANY}))"
+)
 _BEHIND_OPTION = re.compile(
     rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?"
     rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select)\s+)(?P<number>{_WORDED})(?![\w-])",
@@ -143,6 +145,7 @@ def number_in_words(text: str) -> str | None:
     words = " ".join(text.lower().split())
     sign = "-" if re.match(rf"{_MINUS}\s", words) else ""
     words = re.sub(rf"^{_MINUS}\s+", "", words)
+    words = re.sub(r"^(?:an? )?half(?: an?)?$", "zero and a half", re.sub("^point", "zero point", words))
     half = words.endswith(" and a half")
     whole, _, rest = words.removesuffix(" and a half").partition(" point ")
     value = _WHOLE[whole.replace(" ", "-")] + Decimal("0.5" if half else "0")

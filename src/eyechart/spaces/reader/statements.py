@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from eyechart.spaces.failures import lacks_picture
 from eyechart.spaces.reader.action_names import ActionNames, fold
-from eyechart.spaces.reader.marks import SIGN_APART, is_contrary, is_mark, split_number
+from eyechart.spaces.reader.marks import SIGN_APART, is_mark, split_number
 from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 100
@@ -402,8 +402,8 @@ def _is_contrary(value: _Pairs, names: ActionNames) -> bool:
 
 def _is_of_other_side(action: str, side: str, names: ActionNames) -> bool:
     """Return whether an action's sign or words name another side."""
-    if split_number(action) is not None:
-        return any(name.startswith("-") for name in names.actions) and is_contrary(action, side)
+    if (own := names.side(action)) is not None:
+        return own != side
     words = {word for word in re.split(r"[\W_]+", action.lower()) if word in {"left", "right"}}
     return bool(words) and side not in words
 
