@@ -59,7 +59,7 @@ _GLOSSES = {
     "not": "nicht kein keine pas não non nunca nie niemals jamais niet не нельзя inte",
     "no": "nein нет nee nej",
     "maybe": "vielleicht quizás quizá talvez forse misschien возможно",
-    "but": "aber mais pero mas но maar",
+    "but": "aber sondern mais pero mas но maar",
     "now": "jetzt maintenant ahora agora adesso сейчас",
     "then": "dann puis luego después depois poi затем потом",
     "dangerous": "gefährlich peligroso peligrosa dangereux dangereuse perigoso perigosa pericoloso pericolosa",

@@ -44,7 +44,7 @@ _BEFORE = re.compile(
     r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
     r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
     r"believe|think|guess|suppose|mean|steer|steering|final|best|better|safest|correct|because|by|o|u|y|e"
-    r"|obviously|clearly|definitely|certainly|absolutely|surely|probably|likely|preferably|actually|wait|sorry"
+    r"|obviously|clearly|definitely|certainly|absolutely|surely|probably|likely|preferably|actually|sorry"
     r"|perhaps|maybe|possibly|alternatively|later|afterwards|leaves|leaving|makes|remains|course|doubt|first"
 )
 _SET = re.compile(

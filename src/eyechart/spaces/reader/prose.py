@@ -198,7 +198,7 @@ _VERDICT = _one_of(
     "answer|action|choice|decision|option|move|man(?:o|eu|oeu)?euver|manoeuvre|command|output|response|reply|pick"
     "|recommendation|course|bet|conclusion|solution|result|verdict|call|advice|one word|colou?r|best"
     "|safest|assessment"
-    "|judg\\w+|thing to do|control|guess"
+    "|judg\\w+|thing to do|control|guess|(?:correct|best|right|safest|action|option) id"
 )
 _IS = r"(?:\s+(?:is|would be|should be|will be|must be|has to be|remains|seems)\b|'s|\s*[:=]|\s*->)"
 _GOOD = _one_of(
@@ -207,7 +207,8 @@ _GOOD = _one_of(
 )
 _THEREFORE = "(?:so|thus|hence|therefore|consequently|accordingly|instead|finally|ultimately|overall)"
 _MEANS = _one_of(
-    "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leaves(?: me| us)?(?: with)?"
+    "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leav(?:es|ing)(?: me| us)?(?: with| only)?"
+    "|points? to|makes"
     "|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for"
     "|(?:gut|instinct) says"
 )
@@ -221,7 +222,8 @@ _CHOSEN_BEFORE = re.compile(
                 rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+)?(?:{_CHOOSE}|{_DONE})"
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
-            rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
+            rf"(?:^|[,;.]\s*|\bso\s+)only{_END}",
+            rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
                 rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
                 rf"(?:to\s+)?(?:{_CHOOSE}\s+)?(?:{_DONE})?{_END}"
@@ -241,7 +243,7 @@ _CHOSEN_BEFORE = re.compile(
                 rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately|safely|first"
                 rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+to)?{_END}"
             ),
-            rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s| is| has to be| must be)(?:\s+the)?{_END}",
+            rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s|'d be| is| would be| has to be| must be)(?:\s+the)?{_END}",
             rf"\b{_MEANS}\s*:?\s*(?:{_DONE})?{_END}",
         )
     )
@@ -260,12 +262,12 @@ _CHOSEN_AFTER = re.compile(
     r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call)|action|option"
     r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+works best\b"
     r"|\s+(?:recommended|advised|preferred)\b"
+    r"|\s+the (?:best|safest|right|correct|most \w+) (?:option|choice|action|answer|one)\b"
     r"|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take|go with|recommend)\b"
     r"|\s+(?:should|will|would) (?:do|work|be (?:fine|enough|safe|ok|good|right|best|the (?:best|safest)))\b"
     r"|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen|selected)(?=[\s.!]*$)"
     r"|,?\s+i'd say\b|\s+for sure\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
-    r"|(?<=\bonly @)\s+(?:remains|is left|is possible|fits)\b|\s+(?:remains|is the only one left|is (?:all|what) (?:that )?(?:is left|remains))"
-    r"(?=[\s.,!]*$))"
+    r"|\s+(?:remains|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
     r"(?:\s+(?:action|choice|option|move|answer|decision|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
     r"|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
     r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due"
@@ -280,7 +282,7 @@ _TAKEN_BACK = re.compile(
     r"|ignore (?:that|this|my)|let me (?:re-?\w+|think|look|see|check|start)|said (?:nobody|no one)"
     r"|(?:this|that|the|my|which) (?:answer |choice |action |decision )?(?:is|was|would be) "
     r"(?:wrong|incorrect|not (?:my|the) (?:answer|choice|action|decision)\b)"
-    r"|or (?:maybe|perhaps|possibly|else)\b[^.]{0,20}@)"
+    r"|(?:or (?:maybe|perhaps|possibly|else)|alternatively)\b[^.]{0,20}@)"
     r"|\b(?:not|un|un-)(?: (?:really|entirely|fully|at all|quite))? ?(?:sure|certain)[\s.!)]*$"
 )
 """Words after a choice that withdraw it."""
@@ -294,7 +296,20 @@ _CORRECTED = re.compile(
 """Words directly before an action that replaces the previous one."""
 _FIRST = re.compile(r"@\s+(?:for \S+ \S+|first)\b[^@.;!?\n]*\bthen\b[^@.;!?\n]*$")
 """Words that make a plan of an action and the next one."""
-_THEN = re.compile(r"\b(?:and|,) ?then\b[^@.;!?]*$")
+_IN_ORDER = re.compile(r"(?:^|[.;:,\n]\s*)first[\s,:]+(?:\w+\s+){0,2}[\"'(]*$")
+_NOW = re.compile(r"\bnow[\s,:\"'(]+$"), re.compile(r"[\"')]?,?\s+(?:for |right )?now\b")
+_LATER = (
+    re.compile(r"\b(?:then|later|next|afterwards|after that|once|when|until|after)\b"),
+    re.compile(r"[\"')]?\s+(?:later|afterwards|next|once|when|after|as soon as|then)\b"),
+)
+"""Words before and after an action that say when it is done."""
+_HESITATES = re.compile(r"[.!?;-]\s*(?:wait|hold on|oops|hmm+|no(?=[,.:!])|actually|correction)\b")
+_RULED_OUT = re.compile(
+    r"\b(?:rul(?:e|es|ed|ing) out|exclud(?:e|es|ed|ing)|eliminat(?:e|es|ed|ing)|dismiss(?:ed|ing)?|discard(?:ed|ing)?)\b"
+    r"(?:(?!\b(?:so|but|leav\w+|leaves|therefore|thus|hence|only|remain\w*|i|we)\b)[^.;!?])*$"
+)
+"""Words that deny each action of the list behind them."""
+_THEN = re.compile(r"\b(?:and|,) ?(?:then|followed by)\b[^@.;!?]*$")
 _PREDICATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\s+(?:is|are|was|has|have|had|seems|looks|appears|would|will|could|may|might"
     r"|can|of|there)\b|,?\s+where\b"
@@ -370,7 +385,7 @@ _SCOPE = re.compile(
 _ALL_BUT = re.compile(r"(?:anything|everything|all) $")
 _BAD = _one_of(
     "unsafe|dangerous|risky|impossible|wrong|incorrect|bad|a bad|a mistake|unnecessary|unneeded|unavailable|blocked"
-    "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate"
+    "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate|pointless|out(?! of)"
     "|опасн\\w*|peligros\\w*|dangereu\\w*|gefährlich|falsch|pericolos\\w*|niebezpieczn\\w*|perigos\\w*|farlig\\w*"
     "|危险|危険"
     "|unwise|overkill|excessive|hardly|never|besetzt|belegt|blockiert|occup[ée]e?|ocupado|занят\\w*"
@@ -490,7 +505,8 @@ _ANSWERS = re.compile(
     r"|action|answer|decision|choice|pick|conclusion|verdict|recommendation|result|output|response|reply|command"
     r"|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction|update|ok"
     r"|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet|one word"
-    r"|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
+    r"|ans|vote|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight|hard|gentle|gently|sharp|policy"
+    r"|(?:action|cmd|command|option|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
     r"|antwort|aktion|entscheidung|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision|choix|risposta"
     r"|azione"
     r"|decisione|odpowiedź|svar|svaret|antwoord|ответ|відповідь|действие|решение|colou?r|shape|\d{1,2}|of action"
@@ -567,7 +583,8 @@ _FILLER = re.compile(
     r"|answer|action|decision"
     r"|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
     r"|at the moment|for the moment|here|here's|correction|option|please|best"
-    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|und|но|but|and|confidence|gently"
+    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely"
+    "|absolutely|must be|has to be|in the end|confidence|gently"
     r"|immediately|a|an"
     r"|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
 )
@@ -575,7 +592,7 @@ _TAIL = re.compile(
     r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately"
     r"|ahead|it is|it down|here|lane|lane change|turn|for now"
     r"|and wait|and hold"
-    r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
+    r"|on (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
     r"|obviously|a bit|a little|slightly|sharply"
     r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat"
     r"|drone|rover|engine"
@@ -592,7 +609,17 @@ _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
 """The amount of a long name: "TURN LEFT 30 degrees"; a distance ahead means later."""
 _HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
 """A condition that ends or replaces an action: "STOP until the road is free, then …"."""
-_FOR_REASON = re.compile(r"\s*,?\s*(?:because|since|as|due to|to avoid)\b")
+_ACTIVE = re.compile(r"[^\W\d_]+ing\b", re.IGNORECASE)
+_DOING = re.compile(r"\W*(?:(?:just|simply|so|ok|okay|now|currently|therefore|thus|continue|keep)\b\W*)*")
+_DONE_FOR = re.compile(
+    r"(?:\s+(?:right now|now|here|at once|for now|carefully|slowly|further|it|on (?:the|my) (?:left|right)))*[\s\"')]*"
+    r"(?:[.!;]|$|,?\s*\b(?:because|since|as|due|to|for|so|until|while|in order|around)\b|\s-\s|,\s(?:it|the|we|i|there)\b)"
+)
+_FINITE = re.compile(
+    r"\b(?:is|are|was|would|will|could|can|may|might|leads?|seems|looks|causes?|means|makes|won't|isn't|can't|works?"
+    r"|takes?|risks?|hits?)\b"
+)
+"""What is done, with no verb of its own: "Turning right to avoid the box would …" is a statement about it."""
 _EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
 _IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
@@ -628,6 +655,7 @@ def read_prose(text: str, names: ActionNames) -> Decision[str]:
     """
     marked, placed = _mark(text, tuple(_mentions(text, names))[-_MENTIONS_AT_MOST:])
     judged = [one for start, end in _sentences(marked) for one in _judged(marked, start, end, placed)]
+    judged = _in_time(marked, judged)
     judged = _without_interjection(marked, _without_pedals(marked, _without_lists(marked, judged), names))
     chosen = [one for one in judged if one.status in {"chosen", "half"}]
     if all(one.status == "half" for one in chosen):
@@ -656,6 +684,8 @@ def _goes_on(marked: str, last: _PlacedMention, judged: Sequence[_PlacedMention]
     )
     following = next(later, None)
     between = "" if following is None else marked[last.place : following.place]
+    if following is not None and _HESITATES.search(between):
+        return True
     if following is not None and following.status != "denied" and _is_corrected(marked, last.place, following.place):
         return True
     return _THEN.search(between) is not None and _HELD.search(between) is None
@@ -792,7 +822,7 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
     if _SEVERAL.search(group[-1].mention.written) and (far := _BRACKETED.match(right)) is not None:
         right = right[far.end() :]
     status: Status = "said"
-    if _is_denied(left, right):
+    if _is_denied(left, right) or _RULED_OUT.search(left):
         status = "denied"
     elif len({mention.mention.action for mention in group}) > 1:
         status = "listed"
@@ -801,7 +831,8 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
     elif _ASKED_WHERE.search(marked, max(0, start - _LEFT), start):
         status = "said"
     elif not row and "?" not in marked[max(start, end - 3) : end] and not _is_only_said(left, right, group[0].mention):
-        status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT)
+        opens = not re.search(r"[\w@]", marked[max(0, start - _LEFT) : start])
+        status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT, opens=opens)
     return [replace(mention, status=status) for mention in group]
 
 
@@ -864,7 +895,7 @@ def _is_only_said(left: str, right: str, mention: Mention) -> bool:
     )
 
 
-def _chosen(left: str, right: str, mention: Mention, *, opened: bool) -> Status:
+def _chosen(left: str, right: str, mention: Mention, *, opened: bool, opens: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
     if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
         return "said"
@@ -873,11 +904,16 @@ def _chosen(left: str, right: str, mention: Mention, *, opened: bool) -> Status:
         return "said"
     if _is_chosen_around(left, right, mention, several=several):
         return "chosen"
+    if mention.derived and several and opens and _DOING.fullmatch(left) and _is_only_done(right):
+        return "chosen" if _ACTIVE.match(mention.written) else "said"
     status = _stands_alone(left, right, opened=opened, several=several)
-    if status == "chosen" and mention.derived and not _BARE_FORM.match(right):
-        reasoned = several and not left.strip() and _FOR_REASON.match(right) is not None
-        return "chosen" if reasoned else "said"
-    return status
+    return "said" if mention.derived and not _BARE_FORM.match(right) else status
+
+
+def _is_only_done(right: str) -> bool:
+    """Return whether what is done is a sentence of its own: "Turning right now, as the hall is free."."""
+    done = _DONE_FOR.match(right)
+    return done is not None and not _FINITE.search(_REASON.split(_SENTENCE.split(right)[0])[0])
 
 
 def _is_measured(left: str, mention: Mention) -> bool:
@@ -931,6 +967,22 @@ def _stands_alone(left: str, right: str, *, opened: bool, several: bool) -> Stat
     if _TAIL.fullmatch(tail) or (several and _MEASURED.fullmatch(tail)):
         return "chosen"
     return "half" if _TAIL.fullmatch(re.split(r"\band\b", tail)[0]) else "said"
+
+
+def _in_time(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
+    """Return the mentions without what is done after "X now"; of "first X, then Y" both are a list."""
+    mentions: list[_PlacedMention] = []
+    for one in judged:
+        before = mentions[-1] if mentions else None
+        if before is not None and one.place - before.place < _LEFT and "\n" not in marked[before.place : one.place]:
+            left, between = marked[max(0, before.place - _JOINT) : before.place], marked[before.place + 1 : one.place]
+            later = _LATER[0].search(between) or _LATER[1].match(marked, one.place + 1)
+            if before.status != "denied" and later and (_NOW[0].search(left) or _NOW[1].match(between)):
+                continue
+            if _THEN.search(f", {between}") and _IN_ORDER.search(left):
+                mentions[-1:], one = [replace(before, status="listed")], replace(one, status="listed")
+        mentions.append(one)
+    return mentions
 
 
 def _without_lists(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:

@@ -127,7 +127,7 @@ _WHOLE = {
 _ANY = "|".join(sorted(_WHOLE, key=len, reverse=True)).replace("-", "[ -]")
 _MINUS = r"(?:minus|negative|moins|menos|meno|минус|负)"
 _WORDED = (
-    rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?|half an?|an? half|half|point (?:{_ANY}))"
+    rf"(?:{_MINUS}\s+)?(?:(?:{_ANY})(?:\s+point\s+(?:{_ANY})|\s+and\s+a\s+half)?|half an?|an? half|point (?:{_ANY}))"
 )
 _BEHIND_OPTION = re.compile(
     rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?"
