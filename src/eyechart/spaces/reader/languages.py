@@ -87,7 +87,11 @@ _JOINED = (
     (re.compile(rf"\bshould\s+{_MARK}"), "should be "),
     (re.compile(r"\b(choose|would)\s+i\b"), r"i \1"),
     (re.compile(r"\bchoose\s+for\b"), "choose"),
-    (re.compile(r"\bnot\s+is\b"), "is not"),
+    (re.compile(r"\b[ao]\s+(?=(?:option|action|answer|choice|decision)\b)", re.IGNORECASE), ""),
+    (re.compile(r"\b(value|angle)(?:\s+of)?\s+steering\b", re.IGNORECASE), r"steering \1"),
+    (re.compile(r"\b(speed|angle|value|action|option|answer) (recommended|appropriate|correct|chosen)(?=\s*:)"), r"\2 \1"),
+    (re.compile(r"\bno[nt]?\s+is\b"), "is not"),
+    (re.compile(r"\bnot(?=,)"), "no"),
     (re.compile(r"\bnot(?=\s*(?:[.,;]|$))"), "is wrong"),
 )
 """The order of words."""

@@ -49,6 +49,8 @@ _BEFORE = re.compile(
 )
 _SET = re.compile(
     r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|maintain"
+    r"|(?:keep|hold|set|put|leave|be)(?:\s+(?:the|my|our))?(?:\s+(?:it|speed|velocity|angle|wheel"
+    r"|steering(?: wheel| angle)?))?\s+at"
     r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
@@ -61,11 +63,11 @@ _TURN = (
     r"|mov(?:e|ing)|lanes?|by|hard|full|fully|sharp|sharply|slight|slightly|gentle|gently|soft|softly|strong|strongly"
     r"|medium|bit|little|\d+(?:°| degrees))\s+){0,4}"
 )
-_SIDE = (
+SIDE = (
     r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|was|would|and|or|hand|one|now|away|here|there"
     r"|ahead|behind|next|before|after|in|at|blocked|occupied|closed|taken|free|has|leads)\b|-)"
 )
-_SIDE_AFTER = re.compile(rf"[\s.,:;()=-]{{0,4}}{_TURN}{_SIDE}", re.IGNORECASE)
+_SIDE_AFTER = re.compile(rf"[\s.,:;()=-]{{0,6}}{_TURN}{SIDE}", re.IGNORECASE)
 _APART = re.compile(r"(?:^|\n|[^\w)\s])[ \t]*[+-]\s+\Z")
 """A dash before a space: it may be the number's sign or a list's."""
 _SIDE_BEFORE = re.compile(

@@ -222,7 +222,7 @@ _CHOSEN_BEFORE = re.compile(
                 rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+)?(?:{_CHOOSE}|{_DONE})"
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
-            rf"(?:^|[,;.]\s*|\bso\s+)only{_END}",
+            rf"(?:^|[,;.]\s*|\bso\s+)only{_END}|\b(?:what|all that) (?:remains|is left) is{_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
                 rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
@@ -256,10 +256,10 @@ _CHOSEN_AFTER = re.compile(
     r"|will be|would)(?:\s+(?:to be|like"
     r"|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more|only|much|by far"
     r"|be)){0,4}\s+(?:best|better"
-    r"|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision|way to go|enough|sufficient|needed"
+    r"|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision|pick|vote|left(?=[\s.,!]*$)|way to go|enough|sufficient|needed"
     r"|necessary|required|recommended|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one"
     r"|prudent|wise"
-    r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call)|action|option"
+    r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call|speed|angle|value|bin)|action|option"
     r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+works best\b"
     r"|\s+(?:recommended|advised|preferred)\b"
     r"|\s+the (?:best|safest|right|correct|most \w+) (?:option|choice|action|answer|one)\b"
@@ -268,7 +268,7 @@ _CHOSEN_AFTER = re.compile(
     r"|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen|selected)(?=[\s.!]*$)"
     r"|,?\s+i'd say\b|\s+for sure\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
     r"|\s+(?:remains|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
-    r"(?:\s+(?:action|choice|option|move|answer|decision|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
+    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
     r"|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
     r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due"
     r"|at|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while"
@@ -287,7 +287,7 @@ _TAKEN_BACK = re.compile(
 )
 """Words after a choice that withdraw it."""
 _CORRECTED = re.compile(
-    r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean"
+    r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean|i\.e\.|namely"
     r"|(?:i |i've )?meant|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)"
     r"|new (?:answer|action|choice)|second (?:answer|thoughts?|look)"
     r"|reconsidered|after review|my bad|or rather)\b[\s:,.\"'(-]{0,8}$"
@@ -309,7 +309,7 @@ _RULED_OUT = re.compile(
     r"(?:(?!\b(?:so|but|leav\w+|leaves|therefore|thus|hence|only|remain\w*|i|we)\b)[^.;!?])*$"
 )
 """Words that deny each action of the list behind them."""
-_THEN = re.compile(r"\b(?:and|,) ?(?:then|followed by)\b[^@.;!?]*$")
+_THEN = re.compile(r"(?:\band|,) ?(?:then|followed by)\b[^@.;!?]*$")
 _PREDICATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\s+(?:is|are|was|has|have|had|seems|looks|appears|would|will|could|may|might"
     r"|can|of|there)\b|,?\s+where\b"
@@ -553,7 +553,7 @@ _IF_OF_SPEECH = re.compile(
 )
 _IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[.;\n]")
 _IF_AFTER = re.compile(
-    r"[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|once|when|whenever|only if|wenn|falls|si"
+    r"(?!,?\s+(?:for |right )?now\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|(?<!at )once|when|whenever|only if|wenn|falls|si"
     r"|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later|soon|tomorrow|in general"
     r"|generally|usually)\b"
     r"|,? and (?:you|they|it)\b"
@@ -592,7 +592,7 @@ _TAIL = re.compile(
     r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately"
     r"|ahead|it is|it down|here|lane|lane change|turn|for now"
     r"|and wait|and hold"
-    r"|on (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
+    r"|(?:on|to) (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
     r"|obviously|a bit|a little|slightly|sharply"
     r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat"
     r"|drone|rover|engine"
@@ -609,12 +609,14 @@ _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
 """The amount of a long name: "TURN LEFT 30 degrees"; a distance ahead means later."""
 _HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
 """A condition that ends or replaces an action: "STOP until the road is free, then …"."""
+_SOMEONE = re.compile(r"(?:^|\.\s*)\s*(?:an?|the|some|another) (?:(?!robot|vehicle|car|ego)\w+ ){1,3}$")
 _ACTIVE = re.compile(r"[^\W\d_]+ing\b", re.IGNORECASE)
 _DOING = re.compile(r"\W*(?:(?:just|simply|so|ok|okay|now|currently|therefore|thus|continue|keep)\b\W*)*")
 _DONE_FOR = re.compile(
     r"(?:\s+(?:right now|now|here|at once|for now|carefully|slowly|further|it|on (?:the|my) (?:left|right)))*[\s\"')]*"
     r"(?:[.!;]|$|,?\s*\b(?:because|since|as|due|to|for|so|until|while|in order|around)\b|\s-\s|,\s(?:it|the|we|i|there)\b)"
 )
+_ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b|,\s(?:it|the|we|i|there)\b")
 _FINITE = re.compile(
     r"\b(?:is|are|was|would|will|could|can|may|might|leads?|seems|looks|causes?|means|makes|won't|isn't|can't|works?"
     r"|takes?|risks?|hits?)\b"
@@ -622,7 +624,8 @@ _FINITE = re.compile(
 """What is done, with no verb of its own: "Turning right to avoid the box would …" is a statement about it."""
 _EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
-_IT_IS = re.compile(r"\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
+_OR_NUMBER = re.compile(r"\s+or\s+[+-]?\d")
+_IT_IS = re.compile(r"(?<!for )\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
 
@@ -884,6 +887,7 @@ def _is_only_said(left: str, right: str, mention: Mention) -> bool:
         or _THING_LABEL.search(left)
         or _HELD.search(left)
         or _EITHER.search(left)
+        or _OR_NUMBER.match(right)
     ):
         return True
     if _PREDICATE.match(right) and not (_CHOSEN_AFTER.match(right) or _TAKES_IT.match(right)):
@@ -913,7 +917,7 @@ def _chosen(left: str, right: str, mention: Mention, *, opened: bool, opens: boo
 def _is_only_done(right: str) -> bool:
     """Return whether what is done is a sentence of its own: "Turning right now, as the hall is free."."""
     done = _DONE_FOR.match(right)
-    return done is not None and not _FINITE.search(_REASON.split(_SENTENCE.split(right)[0])[0])
+    return done is not None and not _FINITE.search(_ASIDE.split(_SENTENCE.split(right)[0])[0])
 
 
 def _is_measured(left: str, mention: Mention) -> bool:
@@ -931,6 +935,8 @@ def _is_measured(left: str, mention: Mention) -> bool:
 
 def _is_chosen_around(left: str, right: str, mention: Mention, *, several: bool) -> bool:
     """Return whether the words before or after a mention choose it."""
+    if mention.derived and _SOMEONE.search(left):
+        return False
     if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
         return True
     if is_mark(mention.action):
@@ -978,6 +984,7 @@ def _in_time(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
             left, between = marked[max(0, before.place - _JOINT) : before.place], marked[before.place + 1 : one.place]
             later = _LATER[0].search(between) or _LATER[1].match(marked, one.place + 1)
             if before.status != "denied" and later and (_NOW[0].search(left) or _NOW[1].match(between)):
+                mentions[-1] = replace(before, status="chosen" if before.status == "half" else before.status)
                 continue
             if _THEN.search(f", {between}") and _IN_ORDER.search(left):
                 mentions[-1:], one = [replace(before, status="listed")], replace(one, status="listed")

@@ -30,7 +30,7 @@ _DEGREES = (
         "gradi",
         "graus",
     ),
-    *("grau", "graden", "градус", "градуса", "градусов", "度"),
+    *("grau", "graden", "градус", "градуса", "градусов", "度", "도"),
 )
 _METRES_A_SECOND = (
     *("m/s", "mps", "m/sec", "m/second", "meters/second", "metres/second", "米/秒", "米每秒", "м/с"),
@@ -46,7 +46,7 @@ _KILOMETRES_AN_HOUR = (
 
 _STEERING = r"steer(?:ing)?(?:[ _-](?:wheel))?(?:[ _-](?:angle|value|command|cmd|output|input|bin|level))?"
 _ANGLE = rf"{_STEERING}|(?:turn(?:ing)?[ _-]|yaw[ _-])?angle"
-_SPEED = "speed|velocity"
+_SPEED = "speed|velocity|cmd_vel|v_cmd"
 _WANTED = (
     r"(?:(?:the|my|final|next|new|chosen|selected|recommended|suggested|proposed|commanded|target|desired|wanted"
     r"|appropriate|required|safe|safest|best|right|correct|set|output)[ _-]){0,3}"
@@ -81,7 +81,7 @@ class Quantity:
                 rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}"
                 rf"(?:[ \t]?[(\[](?:{self.keyed})[)\]])?"
                 r"(?:[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b)+[ \t]*"
-                r"|[ \t](?=[+-]?\d[^\n]{0,9}$)|\((?=[+-]?[\d.]+\)[;\s]*$))",
+                r"|[ \t](?=[+-]?\d[^\n]{0,9}$|[+-]?[\d.]+ ?[^\s\d,]{0,9}, (?:because|since|as|so)\b)|\((?=[+-]?[\d.]+\)[;\s]*$))",
                 text,
                 re.IGNORECASE | re.MULTILINE,
             )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from eyechart.spaces.failures import lacks_picture
 from eyechart.spaces.reader.action_names import ActionNames, fold
-from eyechart.spaces.reader.marks import SIGN_APART, is_mark, split_number
+from eyechart.spaces.reader.marks import SIDE, SIGN_APART, is_mark, split_number
 from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 100
@@ -165,6 +165,8 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     words = _find(text, names)
     if words.action is None:
         return Decision(None, "refused") if refuses(visible) else words
+    if _turns_otherwise(text, names.side(words.action)):
+        return unparsed("several_actions")
     refusal = _NOTHING_SEEN.search(text)
     if words.action.upper() in _SAYS_SO:
         return words
@@ -173,19 +175,46 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     return words
 
 
+_TURNS = re.compile(
+    r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*"
+    r"(?:(?:that|this|i|we|you|to|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}"
+    r"(?:turn|steer|go|bear|swing|veer|change|move)s?\s+"
+    r"(?:(?:the|car|robot|vehicle|wheel|us|lanes?|to|by|a|bit|little|hard|slightly|gently|sharply|\d+ ?(?:°|degrees))\s+){0,4}"
+    rf"{SIDE}",
+    re.IGNORECASE,
+)
+"""An order, or what follows from a number: "So turn right"."""
+
+
+def _turns_otherwise(text: str, side: str | None) -> bool:
+    """Return whether a reply orders only turns to another side than that of its action."""
+    said = set() if side is None else {match["side"].lower() for match in _TURNS.finditer(fold(text))}
+    return len(said) == 1 and said != {side}
+
+
 def _find(text: str, names: ActionNames) -> Decision[str]:
     if (bare := names.whole(fold(text))) is not None:
         return Decision(bare)
-    for form in (_objects, _tags, _boxes, _hashes, _votes):
+    for form in (_objects, _tags, _boxes, _hashes, _votes, _code):
         if stated := list(form(text, names)):
             return _agreed(text, stated, names)
-    text = _FENCE.sub(" ", _without_objects(text))
+    text = _FENCE.sub(" ", _without_objects(_CODED.sub(lambda code: _kept_code(code, names), text)))
     if "{" in text and text.count('"', text.rfind("{")) % 2:
         text = _CUT_OFF.sub(" ", text)
     folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
     if (marked := _marked(folded, names)) is not None:
         return marked
-    return _prose(folded, names)
+    read = _prose(folded, names)
+    meant = None if read.action or read.why in {"several_actions", "negated"} else _MEANT.search(folded)
+    return (meant and _in_brackets(meant[1], names)) or read
+
+
+_MEANT = re.compile(
+    r"(?:^|[.!\n]\s)\s*((?:turn|steer|change|go|slow(?:er| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
+    r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))[.!\s]*$",
+    re.IGNORECASE,
+)
+"""An order with its option in brackets at the end: "Change lane right (2)."."""
 
 
 def _kept(tag: re.Match[str], names: ActionNames) -> str:
@@ -540,6 +569,58 @@ def _hashes(text: str, names: ActionNames) -> Iterator[_Statement]:
     for match in _HASHED.finditer(text):
         if (action := names.whole(fold(match.group(1)))) is not None:
             yield _Statement(match.start(), match.end(), action)
+
+
+_CODED = re.compile(
+    r"^[ \t]*return[ \t]+(?:[a-z]\w{0,40}\.)?(?P<returned>[^\s()=,;]{1,40});?[ \t]*$"
+    r"|(?<![\w.])(?P<name>(?:[a-z]\w{0,30}\.){0,3}[a-z]\w{0,40})"
+    r"(?:\((?:[ \t]?(?P<key>[a-z]\w{0,30})[ \t]?[=:][ \t]?)?(?P<given>[^()\n,;={}]{0,40})\)"
+    r"|[ \t]?:?=[ \t]?(?P<set>\"[^\"\n]{1,40}\"|'[^'\n]{1,40}'|[+-]?[\w.-]{1,40}°?)(?=[\s;|)\]}]|,\s|$))",
+    re.IGNORECASE | re.MULTILINE,
+)
+"""A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
+_DOES = re.compile(
+    r"(?:set|do|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next|best"
+    r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r)(?:_(?:action|option|choice|command|cmd|id|bin|letter|move))?"
+    r"|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
+    re.IGNORECASE,
+)
+_MOVES_BY = frozenset(["move", "drive", "go", "run", "print"])
+"""Calls whose number may be a distance or a count."""
+_NO_CODE = re.compile(r"#|//|!\s?$|\b(?:not|if|elif|def|while|unless|never|assert)\b|n't\b|\?")
+_PEDALS = re.compile(r"throttle|brak(?:e|es|ing)|gas|accel\w*|clutch|gear", re.IGNORECASE)
+_HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
+
+
+def _code(text: str, names: ActionNames) -> Iterator[_Statement]:
+    """Yield the actions of calls and assignments whose name or key is an answer's."""
+    found = [(code, *_coded(code, names)) for code in _CODED.finditer(text)]
+    own = [one for one in found if one[1]]
+    other = any(_PEDALS.fullmatch((code["key"] or code["name"] or "").rpartition(".")[2]) for code, _, _ in found)
+    for code, _, action in own:
+        stands = not other and _NO_CODE.search(text, text.rfind("\n", 0, code.start()) + 1, code.start()) is None
+        yield _Statement(code.start(), code.end(), action if stands else None, None if stands else "not_chosen")
+
+
+def _coded(code: re.Match[str], names: ActionNames) -> tuple[bool, str | None]:
+    """Return whether code is about an action that it does, and the action."""
+    if code["returned"] is not None:
+        return (action := names.whole(fold(code["returned"]).strip(" \"'"))) is not None, action
+    called = _HUMP.sub("_", code["name"].rpartition(".")[2])
+    if not (code["given"] or code["set"]):
+        return (action := names.action(called)) is not None and not is_mark(called), action
+    key, value = code["key"] or called, fold(code["given"] or code["set"]).strip(" \"'")
+    action = names.whole(value.rpartition(".")[2] if not value[-1:].isdigit() else value)
+    answers = (_KEY.fullmatch(key) or names.quantity.is_key(key) or _DOES.fullmatch(key)) and not _COUNTS.fullmatch(key)
+    moved = key in _MOVES_BY and action is not None and split_number(action) is not None
+    return bool(answers) and not key.endswith("s") and action is not None and not moved, action
+
+
+def _kept_code(code: re.Match[str], names: ActionNames) -> str:
+    """Return a space for code that names an action and does none, as "prev=LEFT"; else the code."""
+    does, action = _coded(code, names)
+    empty = code["returned"] is None and not (code["given"] or code["set"])
+    return code.group() if does or (action is None and not empty) else " "
 
 
 _VOTE = re.compile(
