@@ -287,11 +287,11 @@ _TAKEN_BACK = re.compile(
 )
 """Words after a choice that withdraw it."""
 _CORRECTED = re.compile(
-    r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean|i\.e\.|namely"
+    r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean|namely"
     r"|(?:i |i've )?meant|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)"
     r"|new (?:answer|action|choice)|second (?:answer|thoughts?|look)"
     r"|reconsidered|after review|my bad|or rather)\b[\s:,.\"'(-]{0,8}$"
-    r"|[-.;]\s*or\s+$|(?:^@?\s*|[(;,.}]\s*)should (?:be|have been|read)\s+$"
+    r"|[-.;]\s*or\s+$|\bi\.e\.[\s:,(\"']{1,4}$|(?:^@?\s*|[(;,.}]\s*)should (?:be|have been|read)\s+$"
 )
 """Words directly before an action that replaces the previous one."""
 _FIRST = re.compile(r"@\s+(?:for \S+ \S+|first)\b[^@.;!?\n]*\bthen\b[^@.;!?\n]*$")
@@ -616,7 +616,8 @@ _DONE_FOR = re.compile(
     r"(?:\s+(?:right now|now|here|at once|for now|carefully|slowly|further|it|on (?:the|my) (?:left|right)))*[\s\"')]*"
     r"(?:[.!;]|$|,?\s*\b(?:because|since|as|due|to|for|so|until|while|in order|around)\b|\s-\s|,\s(?:it|the|we|i|there)\b)"
 )
-_ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b|,\s(?:it|the|we|i|there)\b")
+_ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
+_MODAL = re.compile(r"\b(?:would|could|might|may|will|leads?)\b")
 _FINITE = re.compile(
     r"\b(?:is|are|was|would|will|could|can|may|might|leads?|seems|looks|causes?|means|makes|won't|isn't|can't|works?"
     r"|takes?|risks?|hits?)\b"
@@ -916,8 +917,8 @@ def _chosen(left: str, right: str, mention: Mention, *, opened: bool, opens: boo
 
 def _is_only_done(right: str) -> bool:
     """Return whether what is done is a sentence of its own: "Turning right now, as the hall is free."."""
-    done = _DONE_FOR.match(right)
-    return done is not None and not _FINITE.search(_ASIDE.split(_SENTENCE.split(right)[0])[0])
+    done, _, aside = _ASIDE.split(_SENTENCE.split(right)[0])[0].partition(",")
+    return _DONE_FOR.match(right) is not None and not _FINITE.search(done) and not _MODAL.search(aside)
 
 
 def _is_measured(left: str, mention: Mention) -> bool:

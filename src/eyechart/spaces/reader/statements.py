@@ -120,7 +120,7 @@ _NO_STATEMENT = re.compile(
 _NOT_GIVEN = re.compile(r"\s*,?\s*(?:which|but)\b[^.{]*(?:\bnot\b|n't\b|\bwrong\b)", re.IGNORECASE)
 _SAYS_SO = frozenset(["NONE", "UNKNOWN", "ABSTAIN", "UNSURE", "UNCLEAR", "NO IMAGE", "NO_IMAGE"])
 """Actions that mean that nothing was seen."""
-_END = re.compile(r"[.!?\n]\s|\n")
+_END = re.compile(r"[.!?\n]\s|\n|\|")
 _CLAUSE = re.compile(r",|\bso\b|\bbut\b")
 _CONDITION = re.compile(r"\bif\b|\bwould be\b")
 _SHORT_WORDS = 3
@@ -198,7 +198,7 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
     for form in (_objects, _tags, _boxes, _hashes, _votes, _code):
         if stated := list(form(text, names)):
             return _agreed(text, stated, names)
-    text = _FENCE.sub(" ", _without_objects(_CODED.sub(lambda code: _kept_code(code, names), text)))
+    text = _FENCE.sub(" ", _without_objects(_without_code(text, names)))
     if "{" in text and text.count('"', text.rfind("{")) % 2:
         text = _CUT_OFF.sub(" ", text)
     folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
@@ -579,22 +579,27 @@ _CODED = re.compile(
     re.IGNORECASE | re.MULTILINE,
 )
 """A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
+_CALLS = re.compile(r"\w\(")
 _DOES = re.compile(
-    r"(?:set|do|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next|best"
+    r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next|best"
     r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r)(?:_(?:action|option|choice|command|cmd|id|bin|letter|move))?"
     r"|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
     re.IGNORECASE,
 )
-_MOVES_BY = frozenset(["move", "drive", "go", "run", "print"])
-"""Calls whose number may be a distance or a count."""
+_MOVES_BY = frozenset(["move", "drive", "go", "run", "print", "turn"])
+"""Calls whose number may be a distance or a count, where none has a sign."""
 _NO_CODE = re.compile(r"#|//|!\s?$|\b(?:not|if|elif|def|while|unless|never|assert)\b|n't\b|\?")
 _PEDALS = re.compile(r"throttle|brak(?:e|es|ing)|gas|accel\w*|clutch|gear", re.IGNORECASE)
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
+def _codes(text: str) -> Iterator[re.Match[str]]:
+    return _CODED.finditer(text) if "=" in text or "return" in text or _CALLS.search(text) else iter(())
+
+
 def _code(text: str, names: ActionNames) -> Iterator[_Statement]:
     """Yield the actions of calls and assignments whose name or key is an answer's."""
-    found = [(code, *_coded(code, names)) for code in _CODED.finditer(text)]
+    found = [(code, *_coded(code, names)) for code in _codes(text)]
     own = [one for one in found if one[1]]
     other = any(_PEDALS.fullmatch((code["key"] or code["name"] or "").rpartition(".")[2]) for code, _, _ in found)
     for code, _, action in own:
@@ -613,14 +618,18 @@ def _coded(code: re.Match[str], names: ActionNames) -> tuple[bool, str | None]:
     action = names.whole(value.rpartition(".")[2] if not value[-1:].isdigit() else value)
     answers = (_KEY.fullmatch(key) or names.quantity.is_key(key) or _DOES.fullmatch(key)) and not _COUNTS.fullmatch(key)
     moved = key in _MOVES_BY and action is not None and split_number(action) is not None
+    moved = moved and not any(name.startswith("-") for name in names.actions)
     return bool(answers) and not key.endswith("s") and action is not None and not moved, action
 
 
-def _kept_code(code: re.Match[str], names: ActionNames) -> str:
-    """Return a space for code that names an action and does none, as "prev=LEFT"; else the code."""
-    does, action = _coded(code, names)
-    empty = code["returned"] is None and not (code["given"] or code["set"])
-    return code.group() if does or (action is None and not empty) else " "
+def _without_code(text: str, names: ActionNames) -> str:
+    """Return a text without the code that names an action and does none, as "prev=LEFT"."""
+    for code in [*_codes(text)][::-1]:
+        does, action = _coded(code, names)
+        empty = code["returned"] is None and not (code["given"] or code["set"])
+        if not does and (action is not None or empty) and "= " not in code.group():
+            text = f"{text[: code.start()]} {text[code.end() :]}"
+    return text
 
 
 _VOTE = re.compile(
@@ -669,6 +678,7 @@ _INPUT = re.compile(r"\W*action input\b", re.IGNORECASE)
 _NOTHING = re.compile(r"[\s\"'{(\[]*(?:none|null|n/a|nothing|empty)?[\s\"'.})\]]*", re.IGNORECASE)
 _MARKERS_AT_MOST = 20
 _LINE_AT_MOST = 2000
+_COMMENT = re.compile(r"\s(?:#|//)\s")
 _ITEMS = re.compile(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]*)+")
 _SAYS = re.compile(r"[^\n]*\w[^\n]*")
 
@@ -682,7 +692,7 @@ def _value(text: str, start: int, names: ActionNames) -> tuple[int, Decision[str
     match = _SAYS.search(text, start)
     if match is None:
         return len(text), unparsed("no_action")
-    value = match.group()[:_LINE_AT_MOST]
+    value = _COMMENT.split(match.group()[:_LINE_AT_MOST])[0]
     if (listed := _ITEMS.match(text, match.start())) is not None:
         return listed.end(), _prose(listed.group()[:_LINE_AT_MOST], names)
     if (bare := names.whole(value)) is not None:
