@@ -9,9 +9,12 @@ from functools import lru_cache
 
 _GLOSSES = {
     "": "der die das den dem le la les el los il lo gli ein eine einen un una uno het een yo eu io mich wählen nehmen "
-    "ausführen betragen fahren lenken kiezen nemen",
+    "ausführen betragen fahren lenken kiezen nemen vaut me am",
     "i": "ich je ik jag я",
-    "i choose": "elijo elegiría escojo escogería selecciono seleccionaría recomiendo recomendaría sugiero propongo "
+    "i go": "voy vou vado irais vais",
+    "i think": "creo pienso acho penso credo думаю",
+    "think": "denke glaube pense crois",
+    "i choose": "quedo elijo elegiría escojo escogería selecciono seleccionaría recomiendo recomendaría sugiero propongo "
     "diría optaría opto escolho escolheria recomendo recomendaria sugiro proponho seleciono selecionaria diria "
     "optaria scelgo sceglierei consiglio consiglierei raccomando suggerisco seleziono selezionerei direi opterei "
     "wybieram polecam выбираю выберу рекомендую предлагаю обираю",
@@ -23,12 +26,16 @@ _GLOSSES = {
     "dovrebbe dovremmo moet bör powinien должен",
     "we should": "faut нужно надо",
     "for": "für por per pour voor för",
+    "it": "ce",
     "with": "mit avec con com met",
     "at": "à",
     "chosen": "choisie choisi elegida elegido scelto escolhida escolhido gewählte gewählter",
-    "is": "lautet est ist è é är jest sería serait wäre seria sarebbe",
+    "is": "lautet sia est ist è é är jest sería serait wäre seria sarebbe",
     "be": "sein être ser essere zijn",
-    "option": "opción opcion opção opzione optie opcja opcję вариант",
+    "option": "alternativa opción opcion opção opzione optie opcja opcję вариант",
+    "number": "nummer número numéro",
+    "solution": "lösung solución solução soluzione",
+    "turn": "girar gire girare drehen tournerais",
     "action": "acción accion ação azione aktion actie akcja akcję действие maniobra manobra manovra manöver",
     "answer": "respuesta resposta réponse reponse risposta antwort antwoord odpowiedź svaret svar ответ відповідь",
     "choice": "elección eleccion choix escolha scelta wahl keuze wybór выбор",
@@ -37,22 +44,22 @@ _GLOSSES = {
     "speed": "geschwindigkeit vitesse velocidad velocità velocidade snelheid скорость prędkość",
     "steering": "lenkung dirección direction direção direzione giro braquage sterzo sterzata volante volant руль "
     "поворота",
-    "steering value": "lenkwert lenkbefehl lenkeinschlag lenkstufe stuurwaarde",
+    "steering value": "lenkwert lenkbefehl lenkeinschlag einschlag lenkstufe stuurwaarde",
     "steering angle": "lenkwinkel stuurhoek",
     "angle": "winkel ángulo angulo ângulo angolo угол",
     "value": "valor valeur valore wert waarde значение",
-    "of": "de du di del do da des",
+    "of": "de von du di del do da des",
     "best": "mejor meilleur meilleure beste besten bester bestes melhor migliore лучшее лучший najlepsza",
-    "correct": "correcta correcto correcte richtige richtiger richtigen correta correto corretta corretto bonne juiste "
+    "correct": "correcta correcto correcte richtige richtiger richtigen correta correto corretta corretto bonne bon juiste richtig certa certo giusta giusto "
     "правильный правильное",
     "better": "besser mieux plutôt meglio lieber eher",
     "appropriate": "adecuado adecuada apropiado apropiada approprié appropriée adequado adequada adeguato adeguata "
     "angemessene passende geeignete óptimo óptima optimale idéale ottimale",
     "recommended": "recomendado recomendada recommandé recommandée empfohlene empfohlener consigliato consigliata",
     "my": "mi mon ma meine mein minha meu mia mio mijn min моя мой moja",
-    "so": "daher deshalb darum also folglich donc alors entonces então portanto quindi perciò dus поэтому "
+    "so": "daher somit deshalb darum also folglich donc alors entonces então portanto quindi perciò dus поэтому "
     "следовательно",
-    "because": "weil da denn car parce que puisque porque pues ya pois já poiché perché omdat want потому",
+    "because": "weil da denn car parce que che puisque porque pues ya pois já poiché perché omdat want потому",
     "if": "wenn falls si se если",
     "or": "oder ou oppure или eller",
     "and": "und et",
@@ -72,21 +79,24 @@ _ENGLISH = {word: english for english, words in _GLOSSES.items() for word in wor
 _SHARED = frozenset(
     "den die la le les el il lo un una das also da car decision robot non nie se si mi ma mon min per por pour pas opto "
     "giro volante volant want propose do du of at com met et poi ou ser dem recommande direction as or no se mais mas "
-    "ya de di del des que yo me suggestion conseille puis dus son moet maar eher inte svar wart con alors ja é".split()
+    "ya de di del des que yo me suggestion conseille puis dus son moet maar eher inte svar wart con alors ja é sia am ce vou vado bon turn acho penso credo certa certo von".split()
 )
 """Words that are also English or a name's: they do not show that a reply is in another language."""
 _SHOWN = (frozenset(_ENGLISH) - _SHARED) | frozenset(
     "und está são zu auf sind hay dans sur nella della pelo uma é tem".split()
 )
 _WORD = re.compile(r"[^\W\d_]+(?:-être)?")
-_ELIDED = re.compile(r"\b([lj])['’]\s?(?=[^\W\d_])", re.IGNORECASE)
+_ELIDED = re.compile(r"\b([ljc])['’]\s?(?=[^\W\d_])", re.IGNORECASE)
 _MARK = r"(?=[\"'(]?(?:[A-Z]\b(?!')|[+-]?\.?\d))"
 _JOINED = (
     (re.compile(rf"\b(is|be)\s+(?:of|a|o)\s+{_MARK}"), r"\1 "),
+    (re.compile(r"\b[Ee]s\s+is\b|(?:(?<![^.!?,;]\s)(?<![\w.!?,;])|(?<=because ))[Ee]s\s(?=\s*[\"'(]?[A-Z\d+-])"), "it is "),
+    (re.compile(r"\bthink because\b"), "think"),
+    (re.compile(r"\bi think should\b"), "i should"),
     (re.compile(r"\bes\s(?!\s*(?:is|sind|gibt|wird|hat|steht)\b)(?:\s*of\s)?"), "is "),
     (re.compile(rf"\bshould\s+{_MARK}"), "should be "),
     (re.compile(r"\b(choose|would)\s+i\b"), r"i \1"),
-    (re.compile(r"\bchoose\s+for\b"), "choose"),
+    (re.compile(r"\bchoose\s+(?:for|with)\b"), "choose"),
     (re.compile(r"\b[ao]\s+(?=(?:option|action|answer|choice|decision)\b)", re.IGNORECASE), ""),
     (re.compile(r"\b(value|angle)(?:\s+of)?\s+steering\b", re.IGNORECASE), r"steering \1"),
     (re.compile(r"\b(speed|angle|value|action|option|answer) (recommended|appropriate|correct|chosen)(?=\s*:)"), r"\2 \1"),
@@ -101,6 +111,9 @@ _CJK = (
     (r"(?:私|僕)は", " "),
     (r"不[行可好]", " is wrong "),
     (r"ではなくて?|じゃなくて?", " is wrong, "),
+    (r"だと(?:思い|考え)ます|でお願いします|(?<=[A-Z])项", " "),
+    (r"执行|実行する", " execute "),
+    (r"로 (?:주행|이동|가겠|갑)\S*", " is my choice "),
     (r"なので|ので|から(?=[、,])", " so "),
     (r"し(?:ます|てください|ましょう)(?=[\s.。]|$)", " "),
     (r"(?:ではありません|ではない|じゃない|は(?:選び|選択し)(?:ません|ない)|を(?:選び|選択し)(?:ません|ない))", " is wrong "),
@@ -111,7 +124,8 @@ _CJK = (
         " is my choice ",
     ),
     (
-        r"[がは](?:最も|一番)?(?:最適|適切|最善|最良|正解|良い|よい|いい)(?:です|だ|でしょう|と(?:思い|考え)ます)?"
+        r"[がは](?:最も|一番)?(?:最適|適切|最善|最良|正解|良い|よい|いい)(?:です|だ|でしょう)?(?:と(?:思い|考え)ます)?"
+        r"|(?:是)?最(?:合适|适合|好|佳|安全|优)(?=[的。,.，\s]|$)(?:的(?:选择|选项)?)?"
         r"|(?:이|가)\s?(?:가장\s?)?(?:적절|적합|최선|안전|좋)\S{0,4}",
         " is best ",
     ),
@@ -126,11 +140,11 @@ _CJK = (
     (r"我?(?:会|将|要|想)?(?:选择?|選擇?|建议|推荐)(?:是|了)?(?=\s*[\"'(]?[A-Z\d+-]|[动行]作|选项)", " I choose "),
     (r"最佳的?|最好的?|最優|最优的?|最適な?|最善の?|최선의|최적의", " best "),
     (r"正确的?|正確な?|正しい|適切な|올바른|合适的?", " correct "),
-    (r"推荐的?|推奨|권장", " recommended "),
     (r"(?:动作|動作|行动|行動|操作|アクション|행동|동작)(?:编号|番号|번호)?", " action "),
     (r"选项|選択肢|선택지|옵션|オプション|方案", " option "),
     (r"答案|答え|正解|回答|정답|답변|(?<!\w)답", " answer "),
     (r"决定|決定|결정|决策", " decision "),
+    (r"推荐的?|推奨|권장|建议", " recommended "),
     (rf"{_CAR}(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)?(?:角度?|转角|각)(?:应?[は是为為은는])?", " steering angle: "),
     (
         rf"{_CAR}(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)角?(?:档位|级别|值|値|값)?(?:[は是为為은는](?=\s*[+-]?\d)|(?!\s?[角转]|각))",
@@ -138,7 +152,7 @@ _CJK = (
     ),
     (rf"{_CAR}(?:速度|속도|车速)(?:应?[は是为為은는])?", " speed: "),
     (r"(?:は|是|为|為|은|는)(?=\s*[\"'(「『«“]?(?:[A-Z]|[+-]?\d))|(?:は|是)(?=[「『])", " is "),
-    (r"(?<=\d)(?:번(?!째)|番(?=[をがで])|号(?=动作|选项))", " "),
+    (r"(?<=\d)(?:번(?!째)|番(?=\s*(?:[をがで]|is\b))|号(?=\s*(?:action|option)))", " "),
     (r"因为|因為|ため", " because "),
 )
 _SIGNS = tuple((re.compile(pattern), english) for pattern, english in _CJK)

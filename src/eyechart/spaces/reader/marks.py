@@ -16,7 +16,7 @@ _HEAD = re.compile(
 )
 _NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
 _TOKEN = re.compile(
-    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³°º˚%-])(?<!\w[-/:])(?<!\+/)(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
+    rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³°º˚%+-])(?<!\w[-/:])(?<!\+/)(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
     rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[,/][+-]\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
 )
 _BETWEEN = r"[ \t]*(?:[-+/x×*^&·~]|\.{2,})?[ \t]*"
@@ -30,10 +30,14 @@ SIGN_APART = re.compile(r"(?:\b(?:minus|negative|neg\.?)[\s\"'(\[)\]:,]{1,4}|(?<
 _LISTED_BEFORE = re.compile(rf"(?:^|[\n(\[:=])[ \t]*(?:{_NUMBER}[ \t]*,[ \t]*)*(?P<number>{_NUMBER})[ \t]*,[ \t]*\Z")
 _LISTED_AFTER = re.compile(rf"[ \t]*,[ \t]*(?P<number>{_NUMBER})[ \t]*(?=[,)\]\n]|\.?[ \t]*\Z)")
 """Another number of a list: "(7, 2)"."""
+_OF_LIST = (
+    re.compile(rf"[\[({{]\s?(?:{_NUMBER}\s?,\s?){{1,9}}\Z"),
+    re.compile(rf"\s?,\s?(?:{_NUMBER}\s?,\s?){{0,9}}{_NUMBER}\s?[\])}}]"),
+)
 _CALL_BEFORE, _CALL_AFTER = re.compile(r"\w\(([^()\n]{0,40})\Z"), re.compile(r"[^()\n]{0,40}(?=\))")
 _LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
 _OPTION = (
-    r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
+    r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?|cmd"
     r"|arrows?|bins?|case)"
 )
 _WITH_OPTION = re.compile(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
@@ -45,13 +49,13 @@ _BEFORE = re.compile(
     r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
     r"believe|think|guess|suppose|mean|steer|steering|final|best|better|safest|correct|because|by|o|u|y|e"
     r"|obviously|clearly|definitely|certainly|absolutely|surely|probably|likely|preferably|actually|sorry"
-    r"|perhaps|maybe|possibly|alternatively|later|afterwards|leaves|leaving|makes|remains|course|doubt|first"
+    r"|perhaps|maybe|possibly|alternatively|later|afterwards|leaves|leaving|makes|remains|course|doubt|first|yeah|yep|alright|great|sure|need|needs|requires|demands"
 )
 _SET = re.compile(
     r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|maintain"
     r"|(?:keep|hold|set|put|leave|be)(?:\s+(?:the|my|our))?(?:\s+(?:it|speed|velocity|angle|wheel"
     r"|steering(?: wheel| angle)?))?\s+at"
-    r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise)\s+(?:\w+\s+)?at)\s+$",
+    r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise|steering|driving)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
 """Words that may also precede a number with its unit or sign; "turning by" describes an act."""
@@ -79,7 +83,7 @@ _AFTER = re.compile(
     r"because|since|as|is|was|would|should|seems|looks|appears|remains|due|so|and|or|but|given|then|"
     r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|i'd|which|for|over|the|"
     r"until|till|later|afterwards|next|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although"
-    r"|not|only|makes|gets|has|selected|chosen|followed|will"
+    r"|not|only|makes|gets|has|selected|chosen|followed|will|works|fits"
 )
 _WITH_NEXT = re.compile(rf"\s+(?:or|and|o|y|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
 """A second mark: "either 0 or 2" is a list, whatever precedes its first."""
@@ -218,6 +222,8 @@ def _is_one_of_others(text: str, start: int, end: int, numbers: Mapping[str, obj
     left = text[max(0, start - 60) : start]
     if (call := _CALL_BEFORE.search(left)) is not None and (rest := _CALL_AFTER.match(text, end)) is not None:
         return "," in call[1] + rest[0]
+    if _OF_LIST[0].search(left) or _OF_LIST[1].match(text, end):
+        return True
     around = (_LISTED_BEFORE.search(left), _LISTED_AFTER.match(text, end))
     beside = [split_number(match["number"]) for match in around if match is not None]
     return any(one is None or one[0] not in numbers for one in beside) or SIGN_APART.search(left) is not None

@@ -137,7 +137,7 @@ _JOINED = re.compile(
     rf"|lanes? ){{0,4}})?"
 )
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
-_BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}|[a-i])[.):])?[ \t>#]*")
+_BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}[.):]|[a-i](?:[):]|\.(?=\s))))?[ \t>#]*")
 _LABEL = re.compile(r"[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
 _SHORTENED = (
     *("approx", "appr", "ca", "cf", "vs", "fig", "figs", "max", "min", "resp", "incl", "excl", "eq"),
@@ -176,7 +176,7 @@ _CHOOSE = _one_of(
     "|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?|respond with"
     "|take|prefer"
     "|decided? (?:on|for|to)|settled? (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
-    "|change (?:it|that|my answer) to|do|choose to|press(?:ing)?"
+    "|change (?:it|that|my answer) to|do|guess|choose to|press(?:ing)?"
 )
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
@@ -197,7 +197,7 @@ _DONE = rf"(?:{_GO}{_WAY}|{_HOLD}(?:\s+(?:going|driving|moving|on|it|the lane an
 _VERDICT = _one_of(
     "answer|action|choice|decision|option|move|man(?:o|eu|oeu)?euver|manoeuvre|command|output|response|reply|pick"
     "|recommendation|course|bet|conclusion|solution|result|verdict|call|advice|one word|colou?r|best"
-    "|safest|assessment"
+    "|safest|correct|assessment"
     "|judg\\w+|thing to do|control|guess|(?:correct|best|right|safest|action|option) id"
 )
 _IS = r"(?:\s+(?:is|would be|should be|will be|must be|has to be|remains|seems)\b|'s|\s*[:=]|\s*->)"
@@ -219,10 +219,10 @@ _CHOSEN_BEFORE = re.compile(
             rf"{_EGO}{_SHOULD}(?:\s+{_ADVERB}){{0,3}}\s+(?:(?:{_CHOOSE}\s+)?{_DONE}|{_CHOOSE})?{_END}",
             rf"{_WILL}(?:\s+{_ADVERB}){{0,3}}(?:\s+{_CHOOSE})?(?:\s+(?:to\s+)?{_DONE})?{_END}",
             (
-                rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+)?(?:{_CHOOSE}|{_DONE})"
+                rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+|have\s+)?(?:{_CHOOSE}|{_DONE})"
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
-            rf"(?:^|[,;.]\s*|\bso\s+)only{_END}|\b(?:what|all that) (?:remains|is left) is{_END}",
+            rf"\b(?:we|it|this|that|i)\s+needs?{_END}|(?:^|[,;.]\s*|\bso\s+)only{_END}|\b(?:what|all that) (?:remains|is left) is{_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
                 rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
@@ -260,15 +260,15 @@ _CHOSEN_AFTER = re.compile(
     r"|necessary|required|recommended|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one"
     r"|prudent|wise"
     r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call|speed|angle|value|bin)|action|option"
-    r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+works best\b"
+    r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+(?:works|fits) best\b|\s+works(?=[\s.!]*$)"
     r"|\s+(?:recommended|advised|preferred)\b"
     r"|\s+the (?:best|safest|right|correct|most \w+) (?:option|choice|action|answer|one)\b"
     r"|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take|go with|recommend)\b"
-    r"|\s+(?:should|will|would) (?:do|work|be (?:fine|enough|safe|ok|good|right|best|the (?:best|safest)))\b"
+    r"|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best|the (?:best|safest)))\b"
     r"|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen|selected)(?=[\s.!]*$)"
     r"|,?\s+i'd say\b|\s+for sure\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
     r"|\s+(?:remains|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
-    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
+    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
     r"|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
     r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due"
     r"|at|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while"
@@ -339,7 +339,7 @@ _SET_TO = re.compile(
     rf"|\b{_QUANTITY}\s+{_FITTING}\s+{_SHALL}"
     rf"|(?:(?:the|my|our)\s+|^\s*|[.;,:]\s*)(?:robot's |own )?(?:{_QUANTITY}|wheel){_THERE}\s+(?:should|must|has to"
     rf"|needs to)(?: (?:therefore|thus|then|now))*\s+be(?: (?:therefore|set to|at))*"
-    rf"|(?:steering|bin) (?:value|command|bin|choice)\s+(?:is|would be)"
+    rf"|(?<!current )(?<!previous )(?<!last )(?:steering|bin) (?:value|command|bin|choice)\s+(?:is|would be)"
     rf"|\b{_QUANTITY}\s+(?:i|we)(?:'d|\s+would)? (?:choose|pick|set|take|use|recommend) (?:is|would be)"
     rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel|it)\s+(?:to|at)"
     rf"|{_OWN_WILL}(?:steer(?: by| with)?"
@@ -439,7 +439,7 @@ _ASKED_FOR_BAD = re.compile(
 )
 """A question whose answer is no choice: "Which action is unsafe?"."""
 _ASKED_WHERE = re.compile(
-    r"\b(?:where (?:is|are)|(?:which|what) (?:side|lane|direction|way) (?:is|are|does|do|has|have))\b"
+    r"\bhow (?:many|much|far|fast)\b[^?@]*\?\s*(?:a[.:)]\s*)?$|\b(?:where (?:is|are)|(?:which|what) (?:side|lane|direction|way) (?:is|are|does|do|has|have))\b"
     r"(?!\s+(?:(?:the (?=most |clear|free))?(?:most |more |still )?(?:clear(?:er|est)?|free(?:r|st)?|open|room|space)\b"
     r"|(?:the |my |our )?(?:robot|rover|car|vehicle|ego)\s+(?:\w+ )?(?:take|go|@)(?!\w)))"
     r"(?!\s+(?:i|we|you|(?:the )?(?:safest|safer|safe|best|better|right|correct|recommended)\b))[^?@]*\?"
@@ -505,7 +505,7 @@ _ANSWERS = re.compile(
     r"|action|answer|decision|choice|pick|conclusion|verdict|recommendation|result|output|response|reply|command"
     r"|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction|update|ok"
     r"|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet|one word"
-    r"|ans|vote|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight|hard|gentle|gently|sharp|policy"
+    r"|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate|speed up|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight|hard|gentle|gently|sharp|policy"
     r"|(?:action|cmd|command|option|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
     r"|antwort|aktion|entscheidung|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision|choix|risposta"
     r"|azione"
@@ -549,7 +549,7 @@ _IF = re.compile(
 )
 _IF_OF_SPEECH = re.compile(
     r"\b(?:if (?:i|we) (?:had|have|must|were|was|am|are)(?: forced| asked| required)?(?: to)?(?: \w+){0,5}"
-    r"|even if|as if|(?:see|check|checking|determine|decide) if|when in doubt|when asked)\b"
+    r"|even if|if you ask me|as if|(?:see|check|checking|determine|decide) if|when in doubt|when asked)\b"
 )
 _IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[.;\n]")
 _IF_AFTER = re.compile(
@@ -583,7 +583,7 @@ _FILLER = re.compile(
     r"|answer|action|decision"
     r"|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
     r"|at the moment|for the moment|here|here's|correction|option|please|best"
-    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely"
+    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely|i\.e"
     "|absolutely|must be|has to be|in the end|confidence|gently"
     r"|immediately|a|an"
     r"|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"

@@ -48,7 +48,7 @@ _STEERING = r"steer(?:ing)?(?:[ _-](?:wheel))?(?:[ _-](?:angle|value|command|cmd
 _ANGLE = rf"{_STEERING}|(?:turn(?:ing)?[ _-]|yaw[ _-])?angle"
 _SPEED = "speed|velocity|cmd_vel|v_cmd"
 _WANTED = (
-    r"(?:(?:the|my|final|next|new|chosen|selected|recommended|suggested|proposed|commanded|target|desired|wanted"
+    r"(?:(?:the|my|full|final|next|new|chosen|selected|recommended|suggested|proposed|commanded|target|desired|wanted"
     r"|appropriate|required|safe|safest|best|right|correct|set|output)[ _-]){0,3}"
 )
 """Words before the name of a set quantity; ``current_speed`` or ``lead_speed`` is measured."""
@@ -80,7 +80,7 @@ class Quantity:
             yield from re.finditer(
                 rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}"
                 rf"(?:[ \t]?[(\[](?:{self.keyed})[)\]])?"
-                r"(?:[ \t\"']{0,4}(?:[:=>]|->|\bis set to\b)+[ \t]*"
+                r"(?:[ \t\"']{0,4}(?:[:=]|[-=]>|\b(?:is )?set to\b)+[ \t]*"
                 r"|[ \t](?=[+-]?\d[^\n]{0,9}$|[+-]?[\d.]+ ?[^\s\d,]{0,9}, (?:because|since|as|so)\b)|\((?=[+-]?[\d.]+\)[;\s]*$))",
                 text,
                 re.IGNORECASE | re.MULTILINE,

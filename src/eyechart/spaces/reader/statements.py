@@ -210,7 +210,7 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
 
 
 _MEANT = re.compile(
-    r"(?:^|[.!\n]\s)\s*((?:turn|steer|change|go|slow(?:er| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
+    r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
     r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))[.!\s]*$",
     re.IGNORECASE,
 )
@@ -575,14 +575,14 @@ _CODED = re.compile(
     r"^[ \t]*return[ \t]+(?:[a-z]\w{0,40}\.)?(?P<returned>[^\s()=,;]{1,40});?[ \t]*$"
     r"|(?<![\w.])(?P<name>(?:[a-z]\w{0,30}\.){0,3}[a-z]\w{0,40})"
     r"(?:\((?:[ \t]?(?P<key>[a-z]\w{0,30})[ \t]?[=:][ \t]?)?(?P<given>[^()\n,;={}]{0,40})\)"
-    r"|[ \t]?:?=[ \t]?(?P<set>\"[^\"\n]{1,40}\"|'[^'\n]{1,40}'|[+-]?[\w.-]{1,40}°?)(?=[\s;|)\]}]|,\s|$))",
+    r"|[ \t]?:?=[ \t]?(?P<set>\"[^\"\n]{1,40}\"|'[^'\n]{1,40}'|[+-]?[\w.-]{1,40}°?)(?=[\s;|)\]}]|,\s|$)(?!\s*(?:or|and|to|\?|/)\b|\s?\?))",
     re.IGNORECASE | re.MULTILINE,
 )
 """A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
 _CALLS = re.compile(r"\w\(")
 _DOES = re.compile(
     r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next|best"
-    r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r)(?:_(?:action|option|choice|command|cmd|id|bin|letter|move))?"
+    r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r|ans)(?:_(?:action|option|choice|command|cmd|id|bin|letter|move))?"
     r"|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
     re.IGNORECASE,
 )
@@ -614,7 +614,7 @@ def _coded(code: re.Match[str], names: ActionNames) -> tuple[bool, str | None]:
     called = _HUMP.sub("_", code["name"].rpartition(".")[2])
     if not (code["given"] or code["set"]):
         return (action := names.action(called)) is not None and not is_mark(called), action
-    key, value = code["key"] or called, fold(code["given"] or code["set"]).strip(" \"'")
+    key, value = re.sub(r"^(?:apply|send|command)_", "", code["key"] or called), fold(code["given"] or code["set"]).strip(" \"'")
     action = names.whole(value.rpartition(".")[2] if not value[-1:].isdigit() else value)
     answers = (_KEY.fullmatch(key) or names.quantity.is_key(key) or _DOES.fullmatch(key)) and not _COUNTS.fullmatch(key)
     moved = key in _MOVES_BY and action is not None and split_number(action) is not None
