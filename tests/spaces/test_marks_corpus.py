@@ -23,10 +23,10 @@ def test_what_both_readers_of_marks_read_is_read(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", SETS)
 def test_each_kind_of_marks_has_replies_enough(kind: str) -> None:
-    """At least 150, of which a third or so is kept, each once, and with the names of its own space."""
+    """At least 150, of which a fifth to a half is kept, each once, and with the names of its own space."""
     both = [*marked("open", kind), *marked("kept", kind)]
     assert len(both) >= 150
-    assert 0.28 < len(marked("kept", kind)) / len(both) < 0.37
+    assert 0.2 < len(marked("kept", kind)) / len(both) < 0.5
     assert len({(one.space, one.text) for one in both}) == len(both)
     assert all({one.first, one.second} <= {None, *SPACES[one.space].actions} for one in both)
 
@@ -34,8 +34,8 @@ def test_each_kind_of_marks_has_replies_enough(kind: str) -> None:
 def test_the_counts_of_marks_are_of_both_readers() -> None:
     """What the kept part was counted by."""
     found = counted(marked("open", "numbers"))
-    assert (found["replies"], found["both agree"], found["wrong"], found["precision"]) == (188, 187, 0, 1.0)
-    assert found["both choose the same action"] == 104
+    assert (found["replies"], found["both agree"], found["wrong"], found["precision"]) == (268, 267, 0, 1.0)
+    assert found["both choose the same action"] == 152
 
 
 def test_no_mutated_reply_of_marks_raises_or_is_read_in_two_ways() -> None:

@@ -38,8 +38,8 @@ class Discrete(SpaceDefaults):
     """Discrete actions with the roles that the battery needs.
 
     ``mirror_pairs`` exchange under reflection; other actions are their own mirror image. Of letters
-    and numbers without signs the first of a pair is the left one, unless its alias says "right":
-    "2 (left)" is no action where 2 is the right one. ``brake``
+    and numbers without signs the first of a pair is the left one, unless its alias says "right".
+    "2 (left)" is then no action where 2 is the right one. ``brake``
     lists the braking actions from hardest to mildest, ``proceed`` those that go on; an action may
     be in neither. ``aliases`` map other names to actions; no other word is read as an action.
     ``reader`` is the version of the reading rules, and no part of the space. Raises SpecError for

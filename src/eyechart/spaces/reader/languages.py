@@ -8,7 +8,7 @@ import re
 from functools import lru_cache
 
 _GLOSSES = {
-    "": "der die das den dem le la les el los il lo gli ein eine einen un una uno het een yo eu io mich wählen nehmen "
+    "": "der die das den dem le la les el los il lo gli het yo eu io mich wählen nehmen "
     "ausführen betragen fahren lenken kiezen nemen vaut me am",
     "i": "ich je ik jag я",
     "i go": "voy vou vado irais vais",
@@ -26,6 +26,7 @@ _GLOSSES = {
     "dovrebbe dovremmo moet bör powinien должен",
     "we should": "faut нужно надо",
     "for": "für por per pour voor för",
+    "a": "ein eine einen un una uno um uma een",
     "it": "ce",
     "with": "mit avec con com met",
     "at": "à",
@@ -77,7 +78,7 @@ _GLOSSES = {
 """English, and the words of other languages for it."""
 _ENGLISH = {word: english for english, words in _GLOSSES.items() for word in words.split()}
 _SHARED = frozenset(
-    "den die la le les el il lo un una das also da car decision robot non nie se si mi ma mon min per por pour pas opto "
+    "den die un uno um la le les el il lo un una das also da car decision robot non nie se si mi ma mon min per por pour pas opto "
     "giro volante volant want propose do du of at com met et poi ou ser dem recommande direction as or no se mais mas "
     "ya de di del des que yo me suggestion conseille puis dus son moet maar eher inte svar wart con alors ja é sia am ce vou vado bon turn acho penso credo certa certo von".split()
 )
@@ -90,7 +91,7 @@ _ELIDED = re.compile(r"\b([ljc])['’]\s?(?=[^\W\d_])", re.IGNORECASE)
 _MARK = r"(?=[\"'(]?(?:[A-Z]\b(?!')|[+-]?\.?\d))"
 _JOINED = (
     (re.compile(rf"\b(is|be)\s+(?:of|a|o)\s+{_MARK}"), r"\1 "),
-    (re.compile(r"\b[Ee]s\s+is\b|(?:(?<![^.!?,;]\s)(?<![\w.!?,;])|(?<=because ))[Ee]s\s(?=\s*[\"'(]?[A-Z\d+-])"), "it is "),
+    (re.compile(r"\b[Ee]s\s+is\b|(?:^|(?<=[.!?;,]\s)|(?<=because ))[Ee]s\s(?=\s*[\"'(]?[A-Z\d+-])", re.MULTILINE), "it is "),
     (re.compile(r"\bthink because\b"), "think"),
     (re.compile(r"\bi think should\b"), "i should"),
     (re.compile(r"\bes\s(?!\s*(?:is|sind|gibt|wird|hat|steht)\b)(?:\s*of\s)?"), "is "),
@@ -136,7 +137,7 @@ _CJK = (
     (r"れば|なら|たら", " if "),
     (r"(?<=[A-Z\d])\s?(?:か|或者?|和|と|및|또는|还是)\s?(?=[A-Z\d])", " or "),
     (r"所以|因此|故|したがって|よって|従って|따라서|그러므로", " so "),
-    (r"(?:我们?)?(?:应该?|應該?)(?:选择?|選擇?)?(?:是|为|為)?", " we should choose "),
+    (r"(?:我们?)?(?:应该?|應該?)(?:选择?|選擇?|执行|采取)?(?:是|为|為)?", " we should choose "),
     (r"我?(?:会|将|要|想)?(?:选择?|選擇?|建议|推荐)(?:是|了)?(?=\s*[\"'(]?[A-Z\d+-]|[动行]作|选项)", " I choose "),
     (r"最佳的?|最好的?|最優|最优的?|最適な?|最善の?|최선의|최적의", " best "),
     (r"正确的?|正確な?|正しい|適切な|올바른|合适的?", " correct "),
@@ -152,7 +153,7 @@ _CJK = (
     ),
     (rf"{_CAR}(?:速度|속도|车速)(?:应?[は是为為은는])?", " speed: "),
     (r"(?:は|是|为|為|은|는)(?=\s*[\"'(「『«“]?(?:[A-Z]|[+-]?\d))|(?:は|是)(?=[「『])", " is "),
-    (r"(?<=\d)(?:번(?!째)|番(?=\s*(?:[をがで]|is\b))|号(?=\s*(?:action|option)))", " "),
+    (r"(?<=\d)(?:번(?!째)|番(?=\s*(?:[をがで]|is\b))|号\s*(?:action|option))", " "),
     (r"因为|因為|ため", " because "),
 )
 _SIGNS = tuple((re.compile(pattern), english) for pattern, english in _CJK)
@@ -173,7 +174,10 @@ def in_english(text: str, names: tuple[str, ...]) -> str:
     text = _WORD.sub(lambda word: _gloss(word.group(), own), text)
     for joined, english in _JOINED:
         text = joined.sub(english, text)
-    return text
+    return _SPACES.sub(" ", text)
+
+
+_SPACES = re.compile(r"[ \t]{2,}")
 
 
 def _gloss(word: str, own: frozenset[str]) -> str:

@@ -188,12 +188,12 @@ _TURNS = re.compile(
 
 def _turns_otherwise(text: str, side: str | None) -> bool:
     """Return whether a reply orders only turns to another side than that of its action."""
-    said = set() if side is None else {match["side"].lower() for match in _TURNS.finditer(fold(text))}
+    said = set() if side is None else {match["side"].lower() for match in _TURNS.finditer(text)}
     return len(said) == 1 and said != {side}
 
 
 def _find(text: str, names: ActionNames) -> Decision[str]:
-    if (bare := names.whole(fold(text))) is not None:
+    if (bare := names.whole(fold(text if "\n" in text else _COMMENT.split(text)[0]))) is not None:
         return Decision(bare)
     for form in (_objects, _tags, _boxes, _hashes, _votes, _code):
         if stated := list(form(text, names)):
@@ -240,6 +240,7 @@ def _chosen_side(value: str) -> str:
 _SIDE_WITH_COUNT = re.compile(
     r"(?:left|right)[\s\"'*]*[:(=]\s*(?:no|\d+|two|three|several|many)\s+[a-z]", re.IGNORECASE
 )
+_LEFT_OR_RIGHT = re.compile(r"\b(?:left|right)\b")
 _BRACKETS = re.compile(r"\s*([^()\n]{1,60})\(([^()\n]{1,20})\)[\s.!]*")
 
 
@@ -248,6 +249,8 @@ def _in_brackets(value: str, names: ActionNames) -> Decision[str] | None:
     match = _BRACKETS.fullmatch(value)
     action = None if match is None else names.whole(match.group(2))
     if match is None or action is None or not is_mark(action) or _prose(match.group(1), names).why != "no_action":
+        return None
+    if (side := names.side(action)) is not None and {*_LEFT_OR_RIGHT.findall(match.group(1).lower())} - {side}:
         return None
     if _NO_STATEMENT.search(match.group(1)) or SIGN_APART.search(value, 0, match.start(2)) or "?" in value:
         return None
@@ -589,7 +592,9 @@ _DOES = re.compile(
 _MOVES_BY = frozenset(["move", "drive", "go", "run", "print", "turn"])
 """Calls whose number may be a distance or a count, where none has a sign."""
 _NO_CODE = re.compile(r"#|//|!\s?$|\b(?:not|if|elif|def|while|unless|never|assert)\b|n't\b|\?")
+_MANY = ("actions", "options", "choices", "answers", "commands", "bins", "values", "decisions")
 _PEDALS = re.compile(r"throttle|brak(?:e|es|ing)|gas|accel\w*|clutch|gear", re.IGNORECASE)
+_JUST_BEFORE = 80
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
@@ -600,10 +605,11 @@ def _codes(text: str) -> Iterator[re.Match[str]]:
 def _code(text: str, names: ActionNames) -> Iterator[_Statement]:
     """Yield the actions of calls and assignments whose name or key is an answer's."""
     found = [(code, *_coded(code, names)) for code in _codes(text)]
-    own = [one for one in found if one[1]]
+    own = [one for one in found if one[1]][-_STATED_AT_MOST:]
     other = any(_PEDALS.fullmatch((code["key"] or code["name"] or "").rpartition(".")[2]) for code, _, _ in found)
     for code, _, action in own:
-        stands = not other and _NO_CODE.search(text, text.rfind("\n", 0, code.start()) + 1, code.start()) is None
+        line = text[max(0, code.start() - _JUST_BEFORE) : code.start()].rpartition("\n")[2]
+        stands = not other and _NO_CODE.search(line) is None
         yield _Statement(code.start(), code.end(), action if stands else None, None if stands else "not_chosen")
 
 
@@ -619,17 +625,19 @@ def _coded(code: re.Match[str], names: ActionNames) -> tuple[bool, str | None]:
     answers = (_KEY.fullmatch(key) or names.quantity.is_key(key) or _DOES.fullmatch(key)) and not _COUNTS.fullmatch(key)
     moved = key in _MOVES_BY and action is not None and split_number(action) is not None
     moved = moved and not any(name.startswith("-") for name in names.actions)
-    return bool(answers) and not key.endswith("s") and action is not None and not moved, action
+    return bool(answers) and not key.lower().endswith(_MANY) and action is not None and not moved, action
 
 
 def _without_code(text: str, names: ActionNames) -> str:
     """Return a text without the code that names an action and does none, as "prev=LEFT"."""
-    for code in [*_codes(text)][::-1]:
+    parts, done = [], 0
+    for code in _codes(text):
         does, action = _coded(code, names)
         empty = code["returned"] is None and not (code["given"] or code["set"])
         if not does and (action is not None or empty) and "= " not in code.group():
-            text = f"{text[: code.start()]} {text[code.end() :]}"
-    return text
+            parts.append(text[done : code.start()])
+            done = code.end()
+    return " ".join([*parts, text[done:]])
 
 
 _VOTE = re.compile(
