@@ -22,7 +22,8 @@ _STRUCK = re.compile(r"~~[^~]{0,200}~~")
 _IDEOGRAPH = "\u3400-\u9fff"
 _ENDINGS = "ly|wards?|p?p?ing|t?ting"
 """English forms of a name with the same meaning: slowly, leftward, stopping."""
-_NAME_AT_MOST = 1000
+_NAME_AT_MOST = 100
+"""More characters than a name three times over make no whole name: small words and signs are fewer."""
 _LETTERS = re.compile(r"\W*([^\W\d](?:[ .-][^\W\d]){1,30})\W*")
 _MINUS = re.compile(r"(?<![\w)\]°º˚%])[\u2010-\u2015\u2212\ufe63](?=\.?\d)")
 """A dash directly before a number, and after no word, is its sign."""
@@ -79,7 +80,7 @@ class ActionNames:
 
     def whole(self, text: str) -> str | None:
         """Return the action if a text is only its name, even with spaced letters."""
-        if len(text) > _NAME_AT_MOST:
+        if len(text) > _longest(self):
             return None
         if (result := self.action(text)) is not None:
             return result
@@ -130,6 +131,11 @@ def _words_of(text: str) -> str:
     plain = plain.strip(_AROUND).upper()
     parted = "-" in text and re.fullmatch(r"[\d.]+", plain) is not None  # "-(1)" is not "1"
     return re.sub(r"\s+", "", text).strip(_AROUND) if parted else plain
+
+
+@lru_cache(maxsize=256)
+def _longest(names: ActionNames) -> int:
+    return _NAME_AT_MOST + 3 * max(len(written) for written, _ in names.spelled)
 
 
 @lru_cache(maxsize=256)

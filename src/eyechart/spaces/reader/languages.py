@@ -14,12 +14,15 @@ _GLOSSES = {
     "i go": "voy vou vado irais vais",
     "i think": "creo pienso acho penso credo думаю",
     "think": "denke glaube pense crois",
-    "i choose": "quedo elijo elegiría escojo escogería selecciono seleccionaría recomiendo recomendaría sugiero propongo "
+    "i choose": "quedo elijo elegiría escojo escogería selecciono seleccionaría recomiendo recomendaría sugiero "
+    "propongo "
     "diría optaría opto escolho escolheria recomendo recomendaria sugiro proponho seleciono selecionaria diria "
     "optaria scelgo sceglierei consiglio consiglierei raccomando suggerisco seleziono selezionerei direi opterei "
     "wybieram polecam выбираю выберу рекомендую предлагаю обираю",
-    "choose": "wähle nehme empfehle entscheide schlage elegir escoger tomar tomo choisis choisirais choisirai choisir "
-    "prends prendrais prendre opte opterais recommande recommanderais suggère conseille dirais sélectionne escolher выбрать "
+    "choose": "wähle nehme empfehle entscheide schlage elegir escoger tomar tomo choisis choisirais choisirai "
+    "choisir "
+    "prends prendrais prendre opte opterais recommande recommanderais suggère conseille dirais sélectionne "
+    "escolher выбрать "
     "prendo prenderei scegliere kies neem adviseer väljer",
     "would": "würde zou skulle",
     "should": "sollte sollten muss soll doit devrait dois devons debe debería deberíamos debemos deve deveria devo "
@@ -51,7 +54,8 @@ _GLOSSES = {
     "value": "valor valeur valore wert waarde значение",
     "of": "de von du di del do da des",
     "best": "mejor meilleur meilleure beste besten bester bestes melhor migliore лучшее лучший najlepsza",
-    "correct": "correcta correcto correcte richtige richtiger richtigen correta correto corretta corretto bonne bon juiste richtig certa certo giusta giusto "
+    "correct": "correcta correcto correcte richtige richtiger richtigen correta correto corretta corretto bonne "
+    "bon juiste richtig certa certo giusta giusto "
     "правильный правильное",
     "better": "besser mieux plutôt meglio lieber eher",
     "appropriate": "adecuado adecuada apropiado apropiada approprié appropriée adequado adequada adeguato adeguata "
@@ -77,21 +81,26 @@ _GLOSSES = {
 }
 """English, and the words of other languages for it."""
 _ENGLISH = {word: english for english, words in _GLOSSES.items() for word in words.split()}
-_SHARED = frozenset(
-    "den die un uno um la le les el il lo un una das also da car decision robot non nie se si mi ma mon min per por pour pas opto "
-    "giro volante volant want propose do du of at com met et poi ou ser dem recommande direction as or no se mais mas "
-    "ya de di del des que yo me suggestion conseille puis dus son moet maar eher inte svar wart con alors ja é sia am ce vou vado bon turn acho penso credo certa certo von".split()
+_SHARED = (
+    "den die un uno um la le les el il lo un una das also da car decision robot non nie se si mi ma mon min per "
+    "por pour pas opto "
+    "giro volante volant want propose do du of at com met et poi ou ser dem recommande direction as or no se "
+    "mais mas "
+    "ya de di del des que yo me suggestion conseille puis dus son moet maar eher inte svar wart con alors ja é "
+    "sia am ce vou vado bon turn acho penso credo certa certo von"
 )
 """Words that are also English or a name's: they do not show that a reply is in another language."""
-_SHOWN = (frozenset(_ENGLISH) - _SHARED) | frozenset(
-    "und está são zu auf sind hay dans sur nella della pelo uma é tem".split()
-)
+_OTHERS = "und está são zu auf sind hay dans sur nella della pelo uma é tem"
+_SHOWN = (frozenset(_ENGLISH) - {*_SHARED.split()}) | {*_OTHERS.split()}
 _WORD = re.compile(r"[^\W\d_]+(?:-être)?")
 _ELIDED = re.compile(r"\b([ljc])['’]\s?(?=[^\W\d_])", re.IGNORECASE)
 _MARK = r"(?=[\"'(]?(?:[A-Z]\b(?!')|[+-]?\.?\d))"
 _JOINED = (
     (re.compile(rf"\b(is|be)\s+(?:of|a|o)\s+{_MARK}"), r"\1 "),
-    (re.compile(r"\b[Ee]s\s+is\b|(?:^|(?<=[.!?;,]\s)|(?<=because ))[Ee]s\s(?=\s*[\"'(]?[A-Z\d+-])", re.MULTILINE), "it is "),
+    (
+        re.compile(r"\b[Ee]s\s+is\b|(?:^|(?<=[.!?;,]\s)|(?<=because ))[Ee]s\s(?=\s*[\"'(]?[A-Z\d+-])", re.MULTILINE),
+        "it is ",
+    ),
     (re.compile(r"\bthink because\b"), "think"),
     (re.compile(r"\bi think should\b"), "i should"),
     (re.compile(r"\bes\s(?!\s*(?:is|sind|gibt|wird|hat|steht)\b)(?:\s*of\s)?"), "is "),
@@ -100,7 +109,10 @@ _JOINED = (
     (re.compile(r"\bchoose\s+(?:for|with)\b"), "choose"),
     (re.compile(r"\b[ao]\s+(?=(?:option|action|answer|choice|decision)\b)", re.IGNORECASE), ""),
     (re.compile(r"\b(value|angle)(?:\s+of)?\s+steering\b", re.IGNORECASE), r"steering \1"),
-    (re.compile(r"\b(speed|angle|value|action|option|answer) (recommended|appropriate|correct|chosen)(?=\s*:)"), r"\2 \1"),
+    (
+        re.compile(r"\b(speed|angle|value|action|option|answer) (recommended|appropriate|correct|chosen)(?=\s*:)"),
+        r"\2 \1",
+    ),
     (re.compile(r"\bno[nt]?\s+is\b"), "is not"),
     (re.compile(r"\bnot(?=,)"), "no"),
     (re.compile(r"\bnot(?=\s*(?:[.,;]|$))"), "is wrong"),
@@ -117,17 +129,24 @@ _CJK = (
     (r"로 (?:주행|이동|가겠|갑)\S*", " is my choice "),
     (r"なので|ので|から(?=[、,])", " so "),
     (r"し(?:ます|てください|ましょう)(?=[\s.。]|$)", " "),
-    (r"(?:ではありません|ではない|じゃない|は(?:選び|選択し)(?:ません|ない)|を(?:選び|選択し)(?:ません|ない))", " is wrong "),
+    (
+        r"(?:ではありません|ではない|じゃない|は(?:選び|選択し)(?:ません|ない)|を(?:選び|選択し)(?:ません|ない))",
+        " is wrong ",
+    ),
     (r"(?:べき)?ですか|ますか|吗|습니까|까요", " ? "),
     (
-        r"を(?:選択|選び|選ぶ|実行|採用|推奨|取り|とり)(?:し?(?:ます|た|する|て)(?:ください)?|いたします)?"
-        r"|(?:을|를)\s?선택\S{0,6}|にします|とします",
+        (
+            r"を(?:選択|選び|選ぶ|実行|採用|推奨|取り|とり)(?:し?(?:ます|た|する|て)(?:ください)?|いたします)?"
+            r"|(?:을|를)\s?선택\S{0,6}|にします|とします"
+        ),
         " is my choice ",
     ),
     (
-        r"[がは](?:最も|一番)?(?:最適|適切|最善|最良|正解|良い|よい|いい)(?:です|だ|でしょう)?(?:と(?:思い|考え)ます)?"
-        r"|(?:是)?最(?:合适|适合|好|佳|安全|优)(?=[的。,.，\s]|$)(?:的(?:选择|选项)?)?"
-        r"|(?:이|가)\s?(?:가장\s?)?(?:적절|적합|최선|안전|좋)\S{0,4}",
+        (
+            r"[がは](?:最も|一番)?(?:最適|適切|最善|最良|正解|良い|よい|いい)(?:です|だ|でしょう)?(?:と(?:思い|考え)ます)?"
+            r"|(?:是)?最(?:合适|适合|好|佳|安全|优)(?=[的。,.，\s]|$)(?:的(?:选择|选项)?)?"
+            r"|(?:이|가)\s?(?:가장\s?)?(?:적절|적합|최선|안전|좋)\S{0,4}"
+        ),
         " is best ",
     ),
     (r"(?:は|是|는|은)(?:危険|危险|위험)\S{0,3}", " is dangerous "),
@@ -146,7 +165,10 @@ _CJK = (
     (r"答案|答え|正解|回答|정답|답변|(?<!\w)답", " answer "),
     (r"决定|決定|결정|决策", " decision "),
     (r"推荐的?|推奨|권장|建议", " recommended "),
-    (rf"{_CAR}(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)?(?:角度?|转角|각)(?:应?[は是为為은는])?", " steering angle: "),
+    (
+        rf"{_CAR}(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)?(?:角度?|转角|각)(?:应?[は是为為은는])?",
+        " steering angle: ",
+    ),
     (
         rf"{_CAR}(?:方向盘|转向|操舵|舵|ステアリング|ハンドル|조향)角?(?:档位|级别|值|値|값)?(?:[は是为為은는](?=\s*[+-]?\d)|(?!\s?[角转]|각))",
         " steering value: ",

@@ -271,7 +271,9 @@ def _letters(text: str, marks: Marks) -> Iterator[Mention]:
         closed = closed or (_OPENS.match(text, end) is not None and not re.search(r"\w", text[:start][-40:]))
         if action is None and (named or closed):
             action = of_any_case.get(letter.upper())
-        if (not named and _is_shortened(text, match)) or _is_other_side(marks.sides.get(action or ""), text, start, end):
+        if (not named and _is_shortened(text, match)) or _is_other_side(
+            marks.sides.get(action or ""), text, start, end
+        ):
             continue
         if action is not None and (letter != "I" or named or closed) and _is_option(text, start, end, letter=True):
             yield Mention(action, letter, _begin(text, start), end)

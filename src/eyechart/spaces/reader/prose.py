@@ -207,7 +207,8 @@ _GOOD = _one_of(
 )
 _THEREFORE = "(?:so|thus|hence|therefore|consequently|accordingly|instead|finally|ultimately|overall)"
 _MEANS = _one_of(
-    "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leav(?:es|ing)(?: me| us)?(?: with| only)?"
+    "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leav(?:es|ing)(?: me"
+    "| us)?(?: with| only)?"
     "|points? to|makes"
     "|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for"
     "|(?:gut|instinct) says"
@@ -219,10 +220,14 @@ _CHOSEN_BEFORE = re.compile(
             rf"{_EGO}{_SHOULD}(?:\s+{_ADVERB}){{0,3}}\s+(?:(?:{_CHOOSE}\s+)?{_DONE}|{_CHOOSE})?{_END}",
             rf"{_WILL}(?:\s+{_ADVERB}){{0,3}}(?:\s+{_CHOOSE})?(?:\s+(?:to\s+)?{_DONE})?{_END}",
             (
-                rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+|have\s+)?(?:{_CHOOSE}|{_DONE})"
+                rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+"
+                rf"|have\s+)?(?:{_CHOOSE}|{_DONE})"
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
-            rf"\b(?:we|it|this|that|i)\s+needs?{_END}|(?:^|[,;.]\s*|\bso\s+)only{_END}|\b(?:what|all that) (?:remains|is left) is{_END}",
+            (
+                rf"\b(?:we|it|this|that|i)\s+needs?{_END}|(?:^|[,;.]\s*|\bso\s+)only{_END}|\b(?:what"
+                rf"|all that) (?:remains|is left) is{_END}"
+            ),
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
                 rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
@@ -240,7 +245,8 @@ _CHOSEN_BEFORE = re.compile(
             rf"\b(?:let's|let us|let me)\s+(?:now\s+|just\s+)?{_END}",
             rf"[-=]>{_END}",
             (
-                rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately|safely|first"
+                rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately"
+                rf"|safely|first"
                 rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+to)?{_END}"
             ),
             rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s|'d be| is| would be| has to be| must be)(?:\s+the)?{_END}",
@@ -256,19 +262,24 @@ _CHOSEN_AFTER = re.compile(
     r"|will be|would)(?:\s+(?:to be|like"
     r"|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more|only|much|by far"
     r"|be)){0,4}\s+(?:best|better"
-    r"|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision|pick|vote|left(?=[\s.,!]*$)|way to go|enough|sufficient|needed"
+    r"|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision|pick|vote|left(?=[\s.,!]*$)"
+    r"|way to go|enough|sufficient|needed"
     r"|necessary|required|recommended|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one"
     r"|prudent|wise"
-    r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call|speed|angle|value|bin)|action|option"
-    r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+(?:works|fits) best\b|\s+works(?=[\s.!]*$)"
+    r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call|speed"
+    r"|angle|value|bin)|action|option"
+    r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+(?:works|fits) best\b"
+    r"|\s+works(?=[\s.!]*$)"
     r"|\s+(?:recommended|advised|preferred)\b"
     r"|\s+the (?:best|safest|right|correct|most \w+) (?:option|choice|action|answer|one)\b"
     r"|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take|go with|recommend)\b"
     r"|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best|the (?:best|safest)))\b"
     r"|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen|selected)(?=[\s.!]*$)"
     r"|,?\s+i'd say\b|\s+for sure\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
-    r"|\s+(?:remains|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
-    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course"
+    r"|\s+(?:remains|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left"
+    r"|remains))(?=[\s.,!]*$))"
+    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver"
+    r"|manoeuvre|one|thing|bet|of|course"
     r"|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
     r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due"
     r"|at|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while"
@@ -305,7 +316,8 @@ _LATER = (
 """Words before and after an action that say when it is done."""
 _HESITATES = re.compile(r"[.!?;-]\s*(?:wait|hold on|oops|hmm+|no(?=[,.:!])|actually|correction)\b")
 _RULED_OUT = re.compile(
-    r"\b(?:rul(?:e|es|ed|ing) out|exclud(?:e|es|ed|ing)|eliminat(?:e|es|ed|ing)|dismiss(?:ed|ing)?|discard(?:ed|ing)?)\b"
+    r"\b(?:rul(?:e|es|ed|ing) out|exclud(?:e|es|ed|ing)|eliminat(?:e|es|ed|ing)|dismiss(?:ed|ing)?|discard(?:ed"
+    r"|ing)?)\b"
     r"(?:(?!\b(?:so|but|leav\w+|leaves|therefore|thus|hence|only|remain\w*|i|we)\b)[^.;!?])*$"
 )
 """Words that deny each action of the list behind them."""
@@ -317,20 +329,26 @@ _PREDICATE = re.compile(
 """Predicates of an action or of a side of its name; without the words above it is no choice."""
 
 _TAKES_IT = re.compile(
-    r"\"?\s+(?:is|looks|seems|remains|has|fits|works|keeps|avoids|gives|leaves)\b[^@.;:?!\n]{0,60}?,?\s+(?:so|and|hence|thus"
+    r"\"?\s+(?:is|looks|seems|remains|has|fits|works|keeps|avoids|gives|leaves)\b[^@.;:?!\n]{0,60}?,?\s+(?:so"
+    r"|and|hence|thus"
     r"|therefore)\s+(?:that|it|this)?\s*(?:is my (?:answer|choice|decision|pick)"
     r"|(?:i|we)(?:'ll|'d| will| would| shall)?\s+(?:go (?:with|for)|choose|pick|take|select|opt for) (?:it|that|this)"
     r"(?: one| option)?)(?=\s*(?:[^\w\s]|$))"
     r"|\"?\s+is right(?=[\s\"']*(?:[.!,;]|$|because\b|since\b))"
 )
 """A statement about an action that is then taken: "D is free, so I go with it"."""
-_QUANTITY = r"(?:(?:speed|velocity)(?: value)?|(?:steering )?angle|steering(?: (?:value|command|bin|wheel))?|(?:steering )?(?:bin|value))"
+_QUANTITY = (
+    r"(?:(?:speed|velocity)(?: value)?|(?:steering )?angle|steering(?: (?:value|command|bin|wheel))?"
+    r"|(?:steering )?(?:bin|value))"
+)
 _FITTING = (
-    r"(?:chosen|selected|target|desired|recommended|suggested|proposed|appropriate|suitable|sensible|reasonable|adequate"
+    r"(?:chosen|selected|target|desired|recommended|suggested|proposed|appropriate|suitable|sensible|reasonable"
+    r"|adequate"
     r"|required|necessary|needed|right|correct|proper|best|better|optimal|ideal|safest|safe|final|new)"
 )
 _SHALL = (
-    r"(?:is|would be|should be|will be|must be|has to be|needs to be)(?: (?:therefore|thus|then|hence|now|set to|at))*"
+    r"(?:is|would be|should be|will be|must be|has to be|needs to be)(?: (?:therefore|thus|then|hence|now|set to"
+    r"|at))*"
 )
 _THERE = r"(?:\s+(?:for|in|here|at|to|under|given|that|i|we)\b(?! (?:cars|trucks))[^@.;:!?,]{0,60}?)?"
 _OWN_WILL = r"(?:^|[.;,:]\s*|\bso\s+|\b(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+|\b(?:should|must|let's)\s+)"
@@ -341,7 +359,8 @@ _SET_TO = re.compile(
     rf"|needs to)(?: (?:therefore|thus|then|now))*\s+be(?: (?:therefore|set to|at))*"
     rf"|(?<!current )(?<!previous )(?<!last )(?:steering|bin) (?:value|command|bin|choice)\s+(?:is|would be)"
     rf"|\b{_QUANTITY}\s+(?:i|we)(?:'d|\s+would)? (?:choose|pick|set|take|use|recommend) (?:is|would be)"
-    rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel|it)\s+(?:to|at)"
+    rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel"
+    rf"|it)\s+(?:to|at)"
     rf"|{_OWN_WILL}(?:steer(?: by| with)?"
     r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|lower|raise)(?: (?:the|my|our))?"
     r"(?: speed)?)\s+to))[\s\"'(:]*$"
@@ -371,7 +390,8 @@ _DENIED_BEFORE = re.compile(
 _NEGATED = re.compile(r"(?:(?:^|[\s(])[!¬~]|\bnot\s?)[\s\"']*$")
 """A program's sign of negation: "!LEFT", "not(LEFT)"."""
 _DENIED_BRACKET = re.compile(
-    rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with|for)\s+){{0,3}}[\"']?[(\[][\"']?$"
+    rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with"
+    rf"|for)\s+){{0,3}}[\"']?[(\[][\"']?$"
 )
 _IN_BRACKETS = re.compile(r"[\"']?[)\]:]")
 _DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$")
@@ -385,7 +405,8 @@ _SCOPE = re.compile(
 _ALL_BUT = re.compile(r"(?:anything|everything|all) $")
 _BAD = _one_of(
     "unsafe|dangerous|risky|impossible|wrong|incorrect|bad|a bad|a mistake|unnecessary|unneeded|unavailable|blocked"
-    "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate|pointless|out(?! of)"
+    "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate"
+    "|pointless|out(?! of)"
     "|опасн\\w*|peligros\\w*|dangereu\\w*|gefährlich|falsch|pericolos\\w*|niebezpieczn\\w*|perigos\\w*|farlig\\w*"
     "|危险|危険"
     "|unwise|overkill|excessive|hardly|never|besetzt|belegt|blockiert|occup[ée]e?|ocupado|занят\\w*"
@@ -428,8 +449,10 @@ _HARMS = re.compile(
 A reason to brake may be a separate sentence ("STOP. We would hit it"); that is no denial.
 """
 _BLOCKED = re.compile(
-    rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu|maintain)"
-    rf"(?:(?!\b(?:because|since|as|so|while|when|where)\b)[^@.,;:!?\n]){{0,30}}\s(?:is|are|would be|would|will|can|may)"
+    rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg"
+    rf"|continu|maintain)"
+    rf"(?:(?!\b(?:because|since|as|so|while|when|where)\b)[^@.,;:!?\n]){{0,30}}\s(?:is|are|would be|would|will"
+    rf"|can|may)"
     rf"\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
     r"|lead to\b|risk\b)"
 )
@@ -439,8 +462,10 @@ _ASKED_FOR_BAD = re.compile(
 )
 """A question whose answer is no choice: "Which action is unsafe?"."""
 _ASKED_WHERE = re.compile(
-    r"\bhow (?:many|much|far|fast)\b[^?@]*\?\s*(?:a[.:)]\s*)?$|\b(?:where (?:is|are)|(?:which|what) (?:side|lane|direction|way) (?:is|are|does|do|has|have))\b"
-    r"(?!\s+(?:(?:the (?=most |clear|free))?(?:most |more |still )?(?:clear(?:er|est)?|free(?:r|st)?|open|room|space)\b"
+    r"\bhow (?:many|much|far|fast)\b[^?@]*\?\s*(?:a[.:)]\s*)?$|\b(?:where (?:is|are)|(?:which|what) (?:side|lane"
+    r"|direction|way) (?:is|are|does|do|has|have))\b"
+    r"(?!\s+(?:(?:the (?=most |clear|free))?(?:most |more |still )?(?:clear(?:er|est)?|free(?:r|st)?|open|room"
+    r"|space)\b"
     r"|(?:the |my |our )?(?:robot|rover|car|vehicle|ego)\s+(?:\w+ )?(?:take|go|@)(?!\w)))"
     r"(?!\s+(?:i|we|you|(?:the )?(?:safest|safer|safe|best|better|right|correct|recommended)\b))[^?@]*\?"
     r"\s*(?:a[.:)]\s*)?$"
@@ -460,7 +485,8 @@ _FREE_OR_NOT = re.compile(
 _PLACE = re.compile(r"left|right|straight|ahead|forward|back|lane|middle|cent|road", re.IGNORECASE)
 """Actions named by a place: such words describe the place; for other actions they are a reason."""
 _COUNTED = re.compile(
-    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:no|\d+|two|three|several|many)\s+(?:free|clear|empty|open|available|safe"
+    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:no|\d+|two|three|several|many)\s+(?:free|clear|empty|open"
+    r"|available|safe"
     r"|cars?|vehicles?|trucks?)\b[^.;,@]{0,14}(?:[.;,)|\n]|$)"
 )
 """The number of things on a side: "LEFT: two cars"."""
@@ -505,8 +531,11 @@ _ANSWERS = re.compile(
     r"|action|answer|decision|choice|pick|conclusion|verdict|recommendation|result|output|response|reply|command"
     r"|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction|update|ok"
     r"|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet|one word"
-    r"|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate|speed up|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight|hard|gentle|gently|sharp|policy"
-    r"|(?:action|cmd|command|option|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
+    r"|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate|speed up"
+    r"|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight"
+    r"|hard|gentle|gently|sharp|policy"
+    r"|(?:action|cmd|command|option|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame"
+    r"|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
     r"|antwort|aktion|entscheidung|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision|choix|risposta"
     r"|azione"
     r"|decisione|odpowiedź|svar|svaret|antwoord|ответ|відповідь|действие|решение|colou?r|shape|\d{1,2}|of action"
@@ -535,7 +564,8 @@ _THING_LABEL = re.compile(
     r"|hold)\b)[\w'-]+\s+){0,4}?(?:detected|position|location|lanes?|sides?"
     r"|danger|risk|collision|hazard|obstacles?|vehicles?|cars?|leads?|blocked|occupied|free|clear|taken|visible"
     r"|unsafe|bad|worst|wrong|direction of \w+"
-    r"|(?!(?:recommend|suggest|select|prefer|advis|requir|need|propos|decid|correct|revis|indicat)ed|need|speed)\w+ed)"
+    r"|(?!(?:recommend|suggest|select|prefer|advis|requir|need|propos|decid|correct|revis|indicat)ed|need"
+    r"|speed)\w+ed)"
     r"\)?\s*:\s*[\"'(]*$"
 )
 """A label of a thing in the picture: "Obstacle position: LEFT"."""
@@ -553,7 +583,8 @@ _IF_OF_SPEECH = re.compile(
 )
 _IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[.;\n]")
 _IF_AFTER = re.compile(
-    r"(?!,?\s+(?:for |right )?now\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|(?<!at )once|when|whenever|only if|wenn|falls|si"
+    r"(?!,?\s+(?:for |right )?now\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|(?<!at )once|when"
+    r"|whenever|only if|wenn|falls|si"
     r"|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later|soon|tomorrow|in general"
     r"|generally|usually)\b"
     r"|,? and (?:you|they|it)\b"
@@ -583,7 +614,8 @@ _FILLER = re.compile(
     r"|answer|action|decision"
     r"|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
     r"|at the moment|for the moment|here|here's|correction|option|please|best"
-    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely|i\.e"
+    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|but|and|sorry|i mean|no doubt"
+    r"|without a doubt|of course|surely|i\.e"
     "|absolutely|must be|has to be|in the end|confidence|gently"
     r"|immediately|a|an"
     r"|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
@@ -592,7 +624,8 @@ _TAIL = re.compile(
     r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately"
     r"|ahead|it is|it down|here|lane|lane change|turn|for now"
     r"|and wait|and hold"
-    r"|(?:on|to) (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
+    r"|(?:on|to) (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once"
+    r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
     r"|obviously|a bit|a little|slightly|sharply"
     r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat"
     r"|drone|rover|engine"
@@ -613,8 +646,10 @@ _SOMEONE = re.compile(r"(?:^|\.\s*)\s*(?:an?|the|some|another) (?:(?!robot|vehic
 _ACTIVE = re.compile(r"[^\W\d_]+ing\b", re.IGNORECASE)
 _DOING = re.compile(r"\W*(?:(?:just|simply|so|ok|okay|now|currently|therefore|thus|continue|keep)\b\W*)*")
 _DONE_FOR = re.compile(
-    r"(?:\s+(?:right now|now|here|at once|for now|carefully|slowly|further|it|on (?:the|my) (?:left|right)))*[\s\"')]*"
-    r"(?:[.!;]|$|,?\s*\b(?:because|since|as|due|to|for|so|until|while|in order|around)\b|\s-\s|,\s(?:it|the|we|i|there)\b)"
+    r"(?:\s+(?:right now|now|here|at once|for now|carefully|slowly|further|it|on (?:the|my) (?:left"
+    r"|right)))*[\s\"')]*"
+    r"(?:[.!;]|$|,?\s*\b(?:because|since|as|due|to|for|so|until|while|in order|around)\b|\s-\s|,\s(?:it|the|we|i"
+    r"|there)\b)"
 )
 _ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
 _MODAL = re.compile(r"\b(?:would|could|might|may|will|leads?)\b")
@@ -954,7 +989,8 @@ _ASSIGNED = re.compile(r"[a-z_]\s?[:=]\s?[@\d.+-]+[,;]?\s+[a-z_]{1,20}\s?[:=]\s?
 _PEDAL = re.compile(r"\b(?:brak(?:e|es|ing)|throttle|gas|pedal)[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}$")
 """A label of a control whose numbers are not the actions: "brake: 0"."""
 _CONTROL = re.compile(
-    r"\b(?:steer(?:ing)?(?:[_ ](?:angle|wheel))?|wheel|angle|throttle|gas|pedal|accel\w*|brak(?:e|es|ing)|clutch|gear)"
+    r"\b(?:steer(?:ing)?(?:[_ ](?:angle|wheel))?|wheel|angle|throttle|gas|pedal|accel\w*|brak(?:e|es|ing)|clutch"
+    r"|gear)"
     r"[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}[@\d.+-]"
 )
 _BOTH = 2
@@ -988,7 +1024,9 @@ def _in_time(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
                 mentions[-1] = replace(before, status="chosen" if before.status == "half" else before.status)
                 continue
             if _THEN.search(f", {between}") and _IN_ORDER.search(left):
-                mentions[-1:], one = [replace(before, status="listed")], replace(one, status="listed")
+                mentions[-1] = replace(before, status="listed")
+                mentions.append(replace(one, status="listed"))
+                continue
         mentions.append(one)
     return mentions
 

@@ -81,7 +81,8 @@ class Quantity:
                 rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}"
                 rf"(?:[ \t]?[(\[](?:{self.keyed})[)\]])?"
                 r"(?:[ \t\"']{0,4}(?:[:=]|[-=]>|\b(?:is )?set to\b)+[ \t]*"
-                r"|[ \t](?=[+-]?\d[^\n]{0,9}$|[+-]?[\d.]+ ?[^\s\d,]{0,9}, (?:because|since|as|so)\b)|\((?=[+-]?[\d.]+\)[;\s]*$))",
+                r"|[ \t](?=[+-]?\d[^\n]{0,9}$|[+-]?[\d.]+ ?[^\s\d,]{0,9}, (?:because|since|as|so)\b)"
+                r"|\((?=[+-]?[\d.]+\)[;\s]*$))",
                 text,
                 re.IGNORECASE | re.MULTILINE,
             )

@@ -41,8 +41,10 @@ _LABELS = (
 _OWN = (
     r"(?:(?:the|my|your|ego|self|own|final|next|first|best|better|chosen|selected|recommended|suggested|proposed"
     r"|preferred"
-    r"|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new|primary|main|top"
-    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|speed|velocity|lateral"
+    r"|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new|primary"
+    r"|main|top"
+    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|speed"
+    r"|velocity|lateral"
     r"|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action|answer|decision|tool|step"
     r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
 )
@@ -73,20 +75,23 @@ _FAULT = re.compile(
 )
 _ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
 _FINE = re.compile(
-    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
+    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted"
+    r"|executed)",
     re.IGNORECASE,
 )
 _UNLESS = re.compile(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
 _CASE = re.compile(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
 """A condition under which an action holds, and its words."""
 _OTHERS = re.compile(
-    r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate|consider|avoid|reject|previous"
+    r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate"
+    r"|consider|avoid|reject|previous"
     r"|last|history|past"
     r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
     r"|wrong|expert"
     r"|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?"
     r"|motorcycles?|animals?|actors|agents|neighbou?rs?|oncoming|adjacent|surround\w+)(?:$|[\W_\d])"
-    r"|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command|choice)s?\Z)(?:obstacles?|objects?|detect\w+|hazards?|traffic"
+    r"|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command|choice)s?\Z)(?:obstacles?|objects?"
+    r"|detect\w+|hazards?|traffic"
     r"|lights?|signs?|signals?|arrows?|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
     re.IGNORECASE,
 )
@@ -179,7 +184,8 @@ _TURNS = re.compile(
     r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*"
     r"(?:(?:that|this|i|we|you|to|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}"
     r"(?:turn|steer|go|bear|swing|veer|change|move)s?\s+"
-    r"(?:(?:the|car|robot|vehicle|wheel|us|lanes?|to|by|a|bit|little|hard|slightly|gently|sharply|\d+ ?(?:°|degrees))\s+){0,4}"
+    r"(?:(?:the|car|robot|vehicle|wheel|us|lanes?|to|by|a|bit|little|hard|slightly|gently|sharply|\d+ ?(?:°"
+    r"|degrees))\s+){0,4}"
     rf"{SIDE}",
     re.IGNORECASE,
 )
@@ -210,7 +216,8 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
 
 
 _MEANT = re.compile(
-    r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
+    r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er"
+    r"| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
     r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))[.!\s]*$",
     re.IGNORECASE,
 )
@@ -278,7 +285,8 @@ _COMMITS = re.compile(
     re.IGNORECASE,
 )
 _ANEW = re.compile(
-    r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore|first)\b",
+    r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore"
+    r"|first)\b",
     re.IGNORECASE,
 )
 
@@ -378,9 +386,11 @@ _HOLDS = re.compile(
 )
 """Keys whose objects are about the action."""
 _MOVES = re.compile(
-    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn|turning|steer|heading"
+    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn"
+    r"|turning|steer|heading"
     r"|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route|recommendations?"
-    r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content|message)",
+    r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content"
+    r"|message)",
     re.IGNORECASE,
 )
 """Keys whose objects are about the own motion or self, or that only wrap another object."""
@@ -456,7 +466,8 @@ def _given(key: str, value: object) -> object:
 
 _ANOTHER = re.compile(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
 _CORRECTION = re.compile(
-    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new)(?:_(?:action|answer|choice|decision|to))?",
+    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new)(?:_(?:action|answer"
+    r"|choice|decision|to))?",
     re.IGNORECASE,
 )
 
@@ -578,14 +589,17 @@ _CODED = re.compile(
     r"^[ \t]*return[ \t]+(?:[a-z]\w{0,40}\.)?(?P<returned>[^\s()=,;]{1,40});?[ \t]*$"
     r"|(?<![\w.])(?P<name>(?:[a-z]\w{0,30}\.){0,3}[a-z]\w{0,40})"
     r"(?:\((?:[ \t]?(?P<key>[a-z]\w{0,30})[ \t]?[=:][ \t]?)?(?P<given>[^()\n,;={}]{0,40})\)"
-    r"|[ \t]?:?=[ \t]?(?P<set>\"[^\"\n]{1,40}\"|'[^'\n]{1,40}'|[+-]?[\w.-]{1,40}°?)(?=[\s;|)\]}]|,\s|$)(?!\s*(?:or|and|to|\?|/)\b|\s?\?))",
+    r"|[ \t]?:?=[ \t]?(?P<set>\"[^\"\n]{1,40}\"|'[^'\n]{1,40}'"
+    r"|[+-]?[\w.-]{1,40}°?)(?=[\s;|)\]}]|,\s|$)(?!\s*(?:or|and|to|\?|/)\b|\s?\?))",
     re.IGNORECASE | re.MULTILINE,
 )
 """A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
 _CALLS = re.compile(r"\w\(")
 _DOES = re.compile(
-    r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next|best"
-    r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r|ans)(?:_(?:action|option|choice|command|cmd|id|bin|letter|move))?"
+    r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output"
+    r"|next|best"
+    r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r|ans)(?:_(?:action|option|choice|command|cmd|id|bin"
+    r"|letter|move))?"
     r"|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
     re.IGNORECASE,
 )
@@ -620,7 +634,10 @@ def _coded(code: re.Match[str], names: ActionNames) -> tuple[bool, str | None]:
     called = _HUMP.sub("_", code["name"].rpartition(".")[2])
     if not (code["given"] or code["set"]):
         return (action := names.action(called)) is not None and not is_mark(called), action
-    key, value = re.sub(r"^(?:apply|send|command)_", "", code["key"] or called), fold(code["given"] or code["set"]).strip(" \"'")
+    key, value = (
+        re.sub(r"^(?:apply|send|command)_", "", code["key"] or called),
+        fold(code["given"] or code["set"]).strip(" \"'"),
+    )
     action = names.whole(value.rpartition(".")[2] if not value[-1:].isdigit() else value)
     answers = (_KEY.fullmatch(key) or names.quantity.is_key(key) or _DOES.fullmatch(key)) and not _COUNTS.fullmatch(key)
     moved = key in _MOVES_BY and action is not None and split_number(action) is not None
