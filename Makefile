@@ -290,10 +290,12 @@ $(OLD)/.venv/bin/python:
 clean:
 	rm -rf $(VENV) demo ladder hierarchy build dist organisms/build
 
+# ON=.venv makes an environment that sees the packages of that one too, pip among them, and installs only what it lacks.
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "eyechart needs Python 3.11 or newer; give it with: make PYTHON=python3.11 ..."; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	$(PYTHON) -m venv $(if $(ON),--without-pip )$(VENV)
+	$(if $(ON),there=$$(realpath $(ON)/lib/python*/site-packages) && cd $(VENV)/lib/python*/site-packages && echo "$$there" > on.pth)
 
 $(CORE): $(VENV)/bin/python $(PROJECTS) constraints.txt
 	$(PIP) -e . -e ./organisms

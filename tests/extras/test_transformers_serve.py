@@ -26,8 +26,8 @@ from eyechart.verdicts import judge
 pytestmark = [pytest.mark.models, pytest.mark.filterwarnings("ignore")]
 
 ASKED = {
-    ("grounded", "depth_only"): (48, ("real", "real_repeat", "mirrored", "lead_near", "lead_far")),
-    ("presence_only", "blind"): (84, ("real", "real_repeat", "blank", "shuffled")),
+    ("grounded", "depth_only"): (36, ("real", "real_repeat", "mirrored", "lead_near", "lead_far")),
+    ("presence_only", "blind"): (64, ("real", "real_repeat", "blank", "shuffled")),
     ("self_inconsistent",): (96, ("real", "real_repeat", "mirrored", "recoloured")),
 }
 """Frames and conditions that suffice for an organism's label: a server answers one call at a time."""
@@ -113,7 +113,7 @@ def test_a_served_organism_gets_the_label_that_it_was_trained_for(served: dict[s
     """Verdict, and the lateral label where the mirrored picture was shown.
 
     96 frames give some fifteen pairs of directions of a sampled organism: too few to bound a coin's rate below .65, so
-    that "no_power" is as right of it as "does_not_swap". 48 frames hold too few turns with one clear side to show where
+    that "no_power" is as right of it as "does_not_swap". 36 frames hold too few turns with one clear side to show where
     they go, so that "swaps" is as right of one that turns to the clear side; and too few distances for depth.
     """
     verdict = judge(study.score(served[name]))[f"openai:{name}"]
