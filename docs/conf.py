@@ -38,7 +38,6 @@ autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
 autodoc_use_type_comments = False  # we have none, and each function's source would be parsed for them
 add_module_names = False
-toc_object_entries = False  # a page lists its modules; the names in them, on every page again, took half of the build
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 
