@@ -172,18 +172,10 @@ def _found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(Path(__file__).parent)
 
 
-def of_no_single(bank: FrameBank, specs: list[str], out: Path) -> tuple[str, ...]:
-    """Return all that there is to ask, but for what is asked of one camera alone."""
-    singles = tuple(f"@{camera.name}" for camera in bank.frames[0].cameras)
-    asked = policy.plan(bank.root, specs, out).plan.conditions
-    return tuple(name for name in asked if "@camera:" not in name and not name.endswith(singles))
-
-
 def judged(bank: FrameBank, out: Path, name: str, seed: int = 0, answers: int = 2) -> PolicyVerdict:
-    """Return the verdict on a policy that is asked of all its cameras, twice where it draws its answers."""
+    """Return the verdict on a policy that is asked all that there is, twice where it draws its answers."""
     spec = f"python:{__name__}:{name}"
-    conditions, extent = of_no_single(bank, [spec], out), PolicySelection(answers=answers)
-    policy.run(policy.plan(bank.root, [spec], out, seed=seed, conditions=conditions, extent=extent))
+    policy.run(policy.plan(bank.root, [spec], out, seed=seed, extent=PolicySelection(answers=answers)))
     return judge(policy.score(out))[spec]
 
 
