@@ -89,7 +89,7 @@ def statistics(bank: FrameBank, pictures: Pictures, oracle: Oracle, frames: tupl
     }
     manifest = bank.manifest
     answers = Answers("", frames, manifest.action_space, manifest.gap, decisions, made=manifest.provenance)
-    return LazyStatistics(CalibratedTests(answers, Resampling(resamples=999, seed=1)).tests())
+    return LazyStatistics(CalibratedTests(answers, Resampling(resamples=1999, seed=1)).tests())
 
 
 def ruled(bank: FrameBank, pictures: Pictures, oracle: Oracle) -> Ruling:
