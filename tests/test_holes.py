@@ -86,7 +86,6 @@ def test_a_gate_fails_by_the_name_of_the_place(runs: dict[str, Path], say: Say) 
         assert_grounded(runs["blind"], "depth", "looks")
 
 
-@pytest.mark.usefixtures("few_pictures")
 def test_a_page_says_the_answer_first_and_draws_braking_along_the_distance(
     runs: dict[str, Path], say: Say, tmp_path: Path
 ) -> None:

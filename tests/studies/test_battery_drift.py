@@ -27,7 +27,7 @@ from eyechart.verdicts import calibrated_rules, judge
 
 pytestmark = pytest.mark.slow
 
-ORDERS = 50
+ORDERS = 100
 HARDER = ("STRAIGHT", "SLOW", "STOP")
 
 Rule = Callable[[float, CallKey, random.Random], float]
@@ -119,7 +119,7 @@ def orders(bank: FrameBank, out: Path) -> Iterator[tuple[Plan, tuple[str, ...]]]
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
 def test_drift_earns_no_depth(bank: FrameBank, tmp_path: Path, rule: Rule) -> None:
-    """In none of many orders, whatever the first stage said: all but its first test is of one stage."""
+    """Over many orders next to none, whatever the first stage said: all but its first test is of one stage."""
     earned, called = 0, 0
     for plan, may in orders(bank, tmp_path / "run"):
         replies, controls = followed(plan, may, rule)
@@ -131,7 +131,7 @@ def test_drift_earns_no_depth(bank: FrameBank, tmp_path: Path, rule: Rule) -> No
             CalibratedTests(answers, Resampling(99, plan.seed, intervals=False)).tests()
         )
         earned += calibrated_rules(calibratedstatistics, turns=False)[0].label in {"depth", "partial_depth"}
-    assert earned == 0
+    assert earned <= 1
     if rule in {drawn_to_the_near, lucky}:
         assert called > ORDERS / 2
 
