@@ -1,16 +1,18 @@
 """Options of the whole test run; they stand here so that plain ``pytest`` knows them too."""
 
 import gc
+import hashlib
+import io
 import os
 import re
 import signal
 import sys
 from collections import Counter
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # read when NumPy or Torch is imported, here and in every child
 
@@ -19,14 +21,43 @@ import typer.main
 import typer.testing
 from filelock import FileLock
 from hypothesis import settings
+from PIL import Image
 
 import known
+from eyechart.frames import BoundedCache
 
 if TYPE_CHECKING:
     from eyechart_organisms.calibration import Calibration
 
 typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
 """The tree of commands does not change, and each call of a command in this process would build it anew."""
+
+Save = Callable[[Image.Image, IO[bytes], str | bytes], None]
+
+
+def encoded_once(save: Save) -> Save:
+    """Return Pillow's encoder as one that encodes equal pixels once: many tests show and print the same pictures."""
+    kept: BoundedCache[bytes, bytes] = BoundedCache(len, 50_000_000, 20_000)
+
+    def save_kept(image: Image.Image, file: IO[bytes], name: str | bytes) -> None:
+        if image.info or image.mode != "RGB":  # what a picture brings besides its pixels is written too
+            return save(image, file, name)
+
+        def encoded() -> bytes:
+            buffer = io.BytesIO()
+            save(image, buffer, name)
+            return buffer.getvalue()
+
+        how = f"{image.size} {sorted(image.encoderinfo.items())}".encode()
+        file.write(kept.get(hashlib.sha256(how + image.tobytes()).digest(), encoded))
+        return None
+
+    return save_kept
+
+
+Image.init()
+for code in ("PNG", "WEBP"):
+    Image.register_save(code, encoded_once(Image.SAVE[code]))
 
 settings.register_profile("no clock", deadline=None)
 settings.load_profile("no clock")
@@ -214,6 +245,22 @@ def shared(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Path:
     """Return the folder of this test session that its workers share."""
     base = tmp_path_factory.getbasetemp()
     return base if worker_id == "master" else base.parent
+
+
+@pytest.fixture(scope="module")
+def few_pictures() -> Iterator[None]:
+    """Let the pages of batteries picture six frames a run, in a module whose tests ask about a page's words alone."""
+    from eyechart.report.page import evenly  # noqa: PLC0415 - few tests need it, and it takes a while to import
+    from eyechart.studies.battery import page  # noqa: PLC0415
+
+    make = page.make_album
+
+    def of_few(evidence: Any, shown: Sequence[Sequence[int]], **how: Any) -> object:  # noqa: ANN401 - handed on
+        return make(evidence, [evenly(places, 6) for places in shown], **how)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "make_album", of_few)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import random
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from PIL import Image
@@ -153,6 +154,7 @@ TRACES: Mapping[str, Callable[[bytes], float]] = {
 
 def by_trace(measure: Callable[[bytes], float], near: list[Known], far: list[Known]) -> Oracle:
     """Return an oracle of a trace, turned round and cut so that it best tells near pictures from far ones."""
+    measure = cache(measure)  # most pictures are shown several times
     one, other = ([measure(known.image) for known in many] for many in (near, far))
     sign = 1.0 if np.median(one) >= np.median(other) else -1.0
     low, high = np.quantile(sign * np.array([*one, *other]), (1 / 3, 2 / 3))

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from PIL import Image
 import eyechart.simulators.drone as drones
 import eyechart.simulators.rover as rovers
 from edited_controllers import widest
-from eyechart.edits import EditLimits, EditSource, Moves, edit_photographs, read_annotations
+from eyechart.edits import EditLimits, EditResult, EditSource, Moves, edit_photographs, read_annotations
 from eyechart.frames import RGB
 from eyechart.perception.forward import read_forward
 from eyechart.seeds import key_seed
@@ -231,12 +232,18 @@ def rendered_of(moment: Moment, name: str, copies: Sequence[dict[str, float]]) -
     return moment.exchanged(one, other)
 
 
+def edit(source: EditSource, moves: Moves, out: Path) -> EditResult:
+    """Edit photographs without drawing the sheets that people look at, which takes a fifth of the time."""
+    with patch("eyechart.edits.edit.draw_sheet", lambda rows, file, **how: file.touch()):  # noqa: ARG005 - as called
+        return edit_photographs(source, moves, out)
+
+
 def write_pair(folder: Path, found: tuple[Moment, ...]) -> Pair:
     """Write moments edited, and rendered with the lead at the same places, with equal tables."""
     photos, table, objects = write(folder, found)
     source = EditSource(photos, read_annotations(photos, table, objects), folder)
     moves = Moves((2.6, 4.4), (18, 27), LANE_M, found[0].world.view.eye_m, limits=LIMITS)
-    edit_photographs(source, moves, folder / "edited")
+    edit(source, moves, folder / "edited")
     pair = Pair(folder / "edited", folder / "rendered", {one.file: one for one in found})
     copies = json.loads((folder / "edited" / "edit.json").read_text())["copies"]
     rows = pair.rows()

@@ -44,6 +44,12 @@ def taken(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     return Rover().build(tmp_path_factory.mktemp("taken") / "photos", seeds=(3, 4), steps=12)
 
 
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
+    """Return one of a sixth of the frames, for what is said of each row or of none."""
+    return Rover().build(tmp_path_factory.mktemp("few") / "photos", seeds=(3,), steps=4)
+
+
 def table(bank: FrameBank, path: Path, *, older: bool = False, **cells: str) -> Path:
     """Write a user's table of a bank's pictures; ``cells`` take the place of those of the first row."""
     rows = []
@@ -95,73 +101,73 @@ def test_photographs_with_controls_are_a_bank_that_can_show_depth(taken: FrameBa
     ],
 )
 def test_what_is_wrong_with_a_control_is_one_line(
-    taken: FrameBank, tmp_path: Path, cells: dict[str, str], said: str
+    few: FrameBank, tmp_path: Path, cells: dict[str, str], said: str
 ) -> None:
     """It names the row, and nothing stays."""
     with pytest.raises(Exception, match=said) as caught:
-        import_table(taken.root, table(taken, tmp_path / "t.csv", **cells), tmp_path / "bank", WHOLE)
+        import_table(few.root, table(few, tmp_path / "t.csv", **cells), tmp_path / "bank", WHOLE)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "bank").exists()
 
 
-def test_a_picture_that_was_not_taken_is_absent(taken: FrameBank, tmp_path: Path) -> None:
+def test_a_picture_that_was_not_taken_is_absent(few: FrameBank, tmp_path: Path) -> None:
     """An empty cell is no error; a mid without its distance costs what the import says; a picture is one frame's."""
-    one = table(taken, tmp_path / "t.csv", older=True, lane_own="", lead_mid_near_m="")
-    bank = import_table(taken.root, one, tmp_path / "bank", WHOLE)
+    one = table(few, tmp_path / "t.csv", older=True, lane_own="", lead_mid_near_m="")
+    bank = import_table(few.root, one, tmp_path / "bank", WHOLE)
     assert "lane_own" not in bank.frames[0].counterfactuals
     assert "lead_mid_near_m" not in bank.frames[0].truth
-    frame, photo = bank.frames[1], taken.frames[1]
-    assert bank.image(frame, "lane_own") == taken.image(photo, "exchange_own")
+    frame, photo = bank.frames[1], few.frames[1]
+    assert bank.image(frame, "lane_own") == few.image(photo, "exchange_own")
     assert frame.truth["lead_mid_near_m"] == photo.truth["lead_drawn_m"]
     lacking = sum("lane_own" not in frame.counterfactuals for frame in bank)
     assert any(line.startswith(f"lane_own: {lacking} of") for line in costs(bank))
     assert any(line.startswith("no lead_mid_near_m for some pictures of lead_mid_near") for line in costs(bank))
     other = photo.counterfactuals["exchange_own"]["main"]
     with pytest.raises(SourceError, match="a picture is one frame"):
-        import_table(taken.root, table(taken, tmp_path / "u.csv", older=True, lane_own=other), tmp_path / "more", WHOLE)
+        import_table(few.root, table(few, tmp_path / "u.csv", older=True, lane_own=other), tmp_path / "more", WHOLE)
     left = replace(WHOLE, columns={**PLACES, **dict.fromkeys(DRAWN, "")})
-    plain = import_table(taken.root, table(taken, tmp_path / "v.csv"), tmp_path / "plain", left)
+    plain = import_table(few.root, table(few, tmp_path / "v.csv"), tmp_path / "plain", left)
     assert plain.frames[0].counterfactuals == {}
 
 
-def test_a_bank_of_several_cameras_takes_no_such_columns(taken: FrameBank, tmp_path: Path) -> None:
+def test_a_bank_of_several_cameras_takes_no_such_columns(few: FrameBank, tmp_path: Path) -> None:
     """They are kept as words, and asked for by name they are no place."""
     (tmp_path / "rig.toml").write_text('[[camera]]\nname = "front"\ncolumn = "file"\n')
     rigged = replace(WHOLE, mirror="none", rig=read_rig(tmp_path / "rig.toml"))
-    bank = import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "bank", rigged)
+    bank = import_table(few.root, table(few, tmp_path / "t.csv"), tmp_path / "bank", rigged)
     assert bank.frames[0].counterfactuals == {}
     asked = replace(rigged, columns={**PLACES, "lane_own": "lane_own"})
     with pytest.raises(SourceError, match="there is no place 'lane_own'"):
-        import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "more", asked)
+        import_table(few.root, table(few, tmp_path / "t.csv"), tmp_path / "more", asked)
 
 
-def test_columns_are_kept_as_strata_beside_the_ground_truth(taken: FrameBank, tmp_path: Path) -> None:
+def test_columns_are_kept_as_strata_beside_the_ground_truth(few: FrameBank, tmp_path: Path) -> None:
     """What a claim may be asked by; the fingerprint is the same without, and a column that is none is named."""
     asked = replace(WHOLE, strata=("lead_colour",))
-    bank = import_table(taken.root, table(taken, tmp_path / "t.csv"), tmp_path / "bank", asked)
-    plain = import_table(taken.root, tmp_path / "t.csv", tmp_path / "plain", WHOLE)
+    bank = import_table(few.root, table(few, tmp_path / "t.csv"), tmp_path / "bank", asked)
+    plain = import_table(few.root, tmp_path / "t.csv", tmp_path / "plain", WHOLE)
     assert check(bank.root) == []
     assert bank.manifest.fingerprint == plain.manifest.fingerprint
     assert plain.manifest.strata == {}
-    for frame, photo in zip(bank, taken, strict=True):
+    for frame, photo in zip(bank, few, strict=True):
         assert frame.strata == photo.strata == {"lead_colour": frame.truth["lead_colour"]}
     for name, said in (("lead_color", "has no column 'lead_color'; did you mean"), ("lidar_m", "something else")):
         with pytest.raises(SourceError, match=said):
-            import_table(taken.root, tmp_path / "t.csv", tmp_path / name, replace(WHOLE, strata=(name,)))
+            import_table(few.root, tmp_path / "t.csv", tmp_path / name, replace(WHOLE, strata=(name,)))
         assert not (tmp_path / name).exists()
 
 
-def test_a_nudged_picture_may_be_given_and_must_be_one(taken: FrameBank, tmp_path: Path) -> None:
+def test_a_nudged_picture_may_be_given_and_must_be_one(few: FrameBank, tmp_path: Path) -> None:
     """It is shown as it is; another picture is a fault of its row."""
     photos = tmp_path / "photos"
-    for frame in taken:
+    for frame in few:
         for name in (None, "lead_drawn"):
             file = frame.file if name is None else frame.counterfactuals[name]["main"]
             (photos / file).parent.mkdir(parents=True, exist_ok=True)
-            (photos / file).write_bytes(taken.read(file))
-    rows = [(one, f"{one.id}.png") for one in taken]
+            (photos / file).write_bytes(few.read(file))
+    rows = [(one, f"{one.id}.png") for one in few]
     for frame, file in rows:
-        (photos / file).write_bytes(show("lead_drawn_nudged", frame, taken, 5).images["main"])
+        (photos / file).write_bytes(show("lead_drawn_nudged", frame, few, 5).images["main"])
     lines = ["file,lead_drawn,lead_drawn_nudged,lead_drawn_m"]
     lines += [f"{one.file},{one.counterfactuals['lead_drawn']['main']},{file},{one.truth[LEAD]}" for one, file in rows]
     (tmp_path / "t.csv").write_text("\n".join(lines))
@@ -169,6 +175,6 @@ def test_a_nudged_picture_may_be_given_and_must_be_one(taken: FrameBank, tmp_pat
     assert check(bank.root) == []
     first = bank.frames[0]
     assert show("lead_drawn_nudged", first, bank, 9).images["main"] == (photos / rows[0][1]).read_bytes()
-    (photos / rows[3][1]).write_bytes(taken.image(taken.frames[3]))
+    (photos / rows[3][1]).write_bytes(few.image(few.frames[3]))
     with pytest.raises(SourceError, match="row 4: the lead_drawn_nudged is not its lead_drawn with one value"):
         import_table(photos, tmp_path / "t.csv", tmp_path / "more", Choices())

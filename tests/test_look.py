@@ -32,6 +32,8 @@ from known import Demo
 from seeing import Endpoint, OllamaEndpoint, Stalled, served
 from stand_ins import rows_in
 
+pytestmark = pytest.mark.usefixtures("few_pictures")
+
 ORIENTATION = 0x0112
 ANSWERS = ("Yes.", "In part.", "No.", "Inconclusive.")
 

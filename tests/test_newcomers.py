@@ -2,7 +2,7 @@
 
 import importlib
 import random
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -14,11 +14,8 @@ from eyechart.models.scripted import PerceivedPicture, PictureReading
 from eyechart.spaces.discrete import DRIVING
 from eyechart_organisms.calibration.world import SETTINGS, make_world
 from newcomers import (
-    ADVERSARIES_BY_KIND,
     NEWCOMERS,
     PARTS,
-    READERS,
-    WORST,
     flipped,
     new,
     of_picture,
@@ -29,8 +26,6 @@ from newcomers import (
 from strangers import STRANGERS, Stranger, always
 
 pytestmark = pytest.mark.slow
-
-Truths = Mapping[tuple[str, int], dict[str, object]]
 
 
 @pytest.fixture(scope="module")
@@ -43,42 +38,6 @@ def benchmarks() -> Iterator[ModuleType]:
         for name, draws in {"DRAWS": 16, "CURVE_DRAWS": 8, "WARM": 1000}.items():
             patch.setattr(truth, name, draws)
         yield truth
-
-
-@pytest.fixture(scope="module")
-def truths(benchmarks: ModuleType) -> Truths:
-    """Return the truth of every newcomer in the simulated world, of readers at both temperatures."""
-    pictures = importlib.import_module("adversary_pictures").simulated()
-    return {
-        (name, temperature): benchmarks.find_truth(partial(one.open, temperature, 3), pictures).plain()
-        for kind, ones in NEWCOMERS.items()
-        for name, one in ones.items()
-        for temperature in ((0, 1) if kind in {"readers", "worst"} else (1,))
-    }
-
-
-@pytest.mark.parametrize("kind", ADVERSARIES_BY_KIND)
-def test_five_of_each_kind_deserve_no_depth_or_turn_without_looking(kind: str, truths: Truths) -> None:
-    """Some are wrong on so few pairs that nothing is asked, or that depth is true of them."""
-    said = [truths[name, 1] for name in ADVERSARIES_BY_KIND[kind]]
-    wrong = [one["turns" if kind == "turns" else "says"] for one in said].count("no")
-    assert wrong >= 5, said
-    assert len(said) >= 5
-
-
-@pytest.mark.parametrize("name", [*READERS, *WORST])
-@pytest.mark.parametrize("temperature", [0, 1])
-def test_a_reader_deserves_depth_at_both_temperatures(name: str, temperature: int, truths: Truths) -> None:
-    """Its errors are small, whether they repeat or not."""
-    assert truths[name, temperature]["says"] == "depth", truths[name, temperature]
-
-
-@pytest.mark.parametrize("name", [name for name in PARTS if not name.startswith("mostly")])
-def test_a_blind_spot_is_a_place_that_the_truth_names(name: str, truths: Truths) -> None:
-    """Each is none of it in some place, or in all; of who reads a fifth of the frames there nothing is asked."""
-    places = truths[name, 1]["places"]
-    assert isinstance(places, dict)
-    assert "no" in (truths[name, 1]["says"], *places.values())
 
 
 def readings() -> list[PictureReading]:

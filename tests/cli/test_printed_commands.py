@@ -22,10 +22,11 @@ NAMED = re.compile(r"'eyechart ([a-z][^'>]+)[^']*'")
 FILLED = re.compile(r"\{\w*\}")
 
 
-def texts(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield every text of a module with its line; what is filled in later is a word."""
-    parts = {id(each) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for each in ast.walk(node)}
-    for node in ast.walk(tree):
+def texts(tree: ast.stmt) -> Iterator[tuple[int, str]]:
+    """Yield every text of a statement with its line; what is filled in later is a word."""
+    nodes = list(ast.walk(tree))
+    parts = {id(each) for node in nodes if isinstance(node, ast.JoinedStr) for each in ast.walk(node)}
+    for node in nodes:
         if isinstance(node, ast.JoinedStr):
             values = (one.value if isinstance(one, ast.Constant) else "WORD" for one in node.values)
             yield node.lineno, "".join(map(str, values))
@@ -39,10 +40,14 @@ def named() -> Iterator[tuple[str, str]]:
         if path == SOURCE / "bundle" / "parts.py":
             continue  # the text of every bundle since 0.1.0, which a validation compares
         source = path.read_text(encoding="utf-8")
-        if "'eyechart " in source:  # to parse all modules takes seconds, in each worker
-            for line, text in texts(ast.parse(source)):
-                for found in NAMED.findall(text):
-                    yield f"{path.relative_to(SOURCE)}:{line}", " ".join(found.split())
+        if "'eyechart " not in source:
+            continue  # to look through every text of all modules takes seconds, in each worker
+        lines = source.splitlines()
+        for one in ast.parse(source).body:
+            if "'eyechart " in "\n".join(lines[one.lineno - 1 : one.end_lineno]):
+                for line, text in texts(one):
+                    for found in NAMED.findall(text):
+                        yield f"{path.relative_to(SOURCE)}:{line}", " ".join(found.split())
 
 
 @cache

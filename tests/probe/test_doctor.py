@@ -4,6 +4,7 @@ import base64
 import io
 import random
 from collections.abc import Callable
+from functools import cache
 
 import pytest
 from aiohttp import web
@@ -171,14 +172,15 @@ def test_a_bound_on_cost_ends_it_before_it_is_passed_and_an_unknown_cost_at_once
 Say = Callable[[str, random.Random], str]
 
 
-DEALS = [questions(seed) for seed in range(10)]
+deal = cache(questions)
+"""What is asked by a seed; its pictures are drawn once, and not while tests are collected."""
 
 
 def replied(say: Say, number: int) -> SightAnswers:
     """Return a sight of replies that were made up, to one of ten deals."""
     dice = random.Random(number)  # noqa: S311
     sightanswers = SightAnswers()
-    for question in DEALS[number % len(DEALS)]:
+    for question in deal(number % 10):
         reply = Reply(say(question.kind, dice), "stop", seconds=0.1)
         sightanswers.shots.append(AnsweredQuestion(question, reply, said(question.kind, reply)))
     return sightanswers
@@ -197,7 +199,7 @@ def looking(again_s: float, again: str = "", later_s: float = 0.5, say: str = ""
     Same words, asked again, took ``later_s``.
     """
     result, asked = SightAnswers(), set[str]()
-    for question in DEALS[0]:
+    for question in deal(0):
         seconds = later_s if question.words in asked else 0.5
         asked.add(question.words)
         reply = Reply(say or question.answer, "stop", seconds=seconds)

@@ -1,4 +1,5 @@
 from collections import Counter
+from functools import cache
 
 import pytest
 
@@ -7,13 +8,18 @@ from eyechart.probe.pictures import CHOICES, DEAL, Question, questions, road, wo
 from seeing import colour, count, side
 
 LOOKS = {"colour": colour, "side": side, "count": count}
-ALL = [question for seed in range(16) for question in questions(seed)]
+
+
+@cache
+def every() -> list[Question]:
+    """Return the questions of sixteen seeds, whose pictures are drawn once, and not while tests are collected."""
+    return [question for seed in range(16) for question in questions(seed)]
 
 
 @pytest.mark.parametrize("kind", CHOICES)
 def test_the_picture_shows_the_answer(kind: str) -> None:
     """Another program reads it off the pixels, whatever was drawn by chance around it."""
-    mine = [question for question in ALL if question.kind == kind]
+    mine = [question for question in every() if question.kind == kind]
     assert [LOOKS[kind](decode(question.picture, "it")) for question in mine] == [question.answer for question in mine]
     assert {question.answer for question in mine} == set(CHOICES[kind])
 
@@ -21,7 +27,7 @@ def test_the_picture_shows_the_answer(kind: str) -> None:
 def test_a_deal_repeats_no_answer_and_no_picture() -> None:
     """So that one answer to all questions of a kind is right once at most."""
     for seed in range(16):
-        dealt = ALL[14 * seed : 14 * seed + 14]
+        dealt = every()[14 * seed : 14 * seed + 14]
         assert Counter(question.kind for question in dealt) == {kind: sum(counts) for kind, counts in DEAL.items()}
         assert (
             len({(question.kind, question.answer) for question in dealt})
@@ -32,18 +38,18 @@ def test_a_deal_repeats_no_answer_and_no_picture() -> None:
 
 def test_answers_are_dealt_evenly() -> None:
     """Over 16 seeds no colour is left out or always there: each is expected in 12 deals."""
-    counts = Counter(question.answer for question in ALL if question.kind == "colour")
+    counts = Counter(question.answer for question in every() if question.kind == "colour")
     assert min(counts.values()) >= 6
     assert max(counts.values()) <= 15
 
 
 def test_some_questions_come_in_the_same_words_and_others_in_words_never_sent() -> None:
     """The words say what may be answered, in an order that does not depend on the answer, and never the answer."""
-    same = {(question.kind, question.words) for question in ALL if not question.fresh}
+    same = {(question.kind, question.words) for question in every() if not question.fresh}
     assert same == {(kind, words(kind)) for kind in CHOICES}
-    fresh = [question.words for question in ALL if question.fresh]
+    fresh = [question.words for question in every() if question.fresh]
     assert len(set(fresh)) == len(fresh)
-    assert all(question.words.endswith(words(question.kind)) for question in ALL)
+    assert all(question.words.endswith(words(question.kind)) for question in every())
 
 
 def test_a_seed_gives_the_same_questions_again() -> None:

@@ -140,6 +140,7 @@ def test_the_run_prints_its_guarantee_the_most_the_typical_and_the_saved(highway
     assert "of 11757" in total
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_the_card_of_an_early_depth_shows_its_test_and_that_of_an_absence_its_e_value(
     highway: tuple[Path, Result], tmp_path: Path
 ) -> None:

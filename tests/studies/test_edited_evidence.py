@@ -10,7 +10,7 @@ import pytest
 import edited_worlds
 from edited_oracles import ORACLES, TRACES, TRUE, Known, Oracle, by_trace, noisy
 from eyechart.conditions import NUDGES, is_available, show
-from eyechart.edits import EditSource, Moves, edit_photographs, read_annotations
+from eyechart.edits import EditSource, Moves, read_annotations
 from eyechart.frames import Frame, FrameBank, decode, open_bank
 from eyechart.importing import Choices, import_table
 from eyechart.spaces.space import Decision
@@ -39,7 +39,8 @@ def bank(tmp_path_factory: pytest.TempPathFactory) -> FrameBank:
     photos, table, objects = edited_worlds.write(folder, found)
     source = EditSource(photos, read_annotations(photos, table, objects), folder)
     eye_m, limits = found[0].world.view.eye_m, edited_worlds.LIMITS
-    edit_photographs(source, Moves((2.6, 4.4), (18, 27), edited_worlds.LANE_M, eye_m, limits=limits), folder / "edited")
+    moves = Moves((2.6, 4.4), (18, 27), edited_worlds.LANE_M, eye_m, limits=limits)
+    edited_worlds.edit(source, moves, folder / "edited")
     choices = Choices(threshold=8.0, unit="m", mirror="horizontal")
     return import_table(folder / "edited", folder / "edited" / "table.csv", folder / "bank", choices)
 

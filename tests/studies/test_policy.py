@@ -23,7 +23,7 @@ from eyechart.ledger import Ledger
 from eyechart.simulators import open_bank_simulator
 from eyechart.spaces.motion import Motion
 from eyechart.studies import ReadOptions, policy, study_of
-from eyechart.studies.policy import PolicySelection
+from eyechart.studies.policy import PolicyScore, PolicySelection
 from eyechart.studies.policy.scores import judge
 from eyechart.transfer import transfer
 from known import table, whole_table
@@ -68,6 +68,12 @@ def run(bank: FrameBank) -> Path:
     return out
 
 
+@pytest.fixture(scope="module")
+def scored(run: Path) -> PolicyScore:
+    """Return its score."""
+    return policy.score(run)
+
+
 def told(*words: object, code: int = 0) -> str:
     """Return what a command prints, which exits so."""
     result = CliRunner().invoke(app, list(map(str, words)))
@@ -75,14 +81,12 @@ def told(*words: object, code: int = 0) -> str:
     return result.stdout
 
 
-def test_an_index_shows_the_statistic_that_decided_for_each_policy(run: Path) -> None:
+def test_an_index_shows_the_statistic_that_decided_for_each_policy(run: Path, scored: PolicyScore) -> None:
     """By its own name, with its value: the one that the verdict on the cameras names."""
-    study = study_of(run)
-    score = study.score(run, ReadOptions())
-    verdicts = judge(score)
-    for spec, found in study.findings(score).items():
+    verdicts = judge(scored)
+    for spec, found in study_of(run).findings(scored).items():
         assert found.decided_by == verdicts[spec].camera.by or not verdicts[spec].camera.by
-        assert found.estimate is score.models[spec].statistics[found.decided_by]
+        assert found.estimate is scored.models[spec].statistics[found.decided_by]
 
 
 def test_every_policy_gets_the_labels_that_it_deserves(run: Path) -> None:
@@ -106,9 +110,9 @@ def test_every_policy_gets_the_labels_that_it_deserves(run: Path) -> None:
     assert "it declares that it does not read it" in found["python:arms:middle"]["because"]
 
 
-def test_an_object_that_nobody_named_is_no_ground_for_grounding(run: Path) -> None:
+def test_an_object_that_nobody_named_is_no_ground_for_grounding(scored: PolicyScore) -> None:
     """Who goes to red whatever is said follows the moved object in half of the episodes, named or not."""
-    verdict = judge(policy.score(run))["python:arms:deaf"]
+    verdict = judge(scored)["python:arms:deaf"]
     assert verdict.camera.label == "camera_content"
     assert verdict.camera.why_not
 
