@@ -5,7 +5,7 @@
 
 ``run`` makes its calls, ``resume`` is the same command on a whole run, and every reading is a first one; their ledgers
 are filled by a script. The exponent is the slope of the logarithm of the seconds above those on 12 frames, with the
-interval of least squares (t, 95 %). What takes less than 3 s is measured three times, and the least counts. Writes
+interval of least squares (t, 95 %). What takes less than 2 s is measured three times, and the least counts. Writes
 ``benchmarks/results/growth.json`` after each row, and goes on where it was interrupted; ``--again`` begins anew. Exits
 1 where an exponent may be above 1.2, or 15 million calls are not judged in 3 minutes of processor time and 2 GB.
 """
@@ -71,7 +71,7 @@ COMMANDS = {
 }
 LARGE, MOST_S, MOST_MB, MOST_EXPONENT = 15_000_000, 180, 2000, 1.2
 """Calls of a ledger that is read and judged within so many seconds and MB, and the bound of exponents' upper ends."""
-SHORT_S, GROWN = 3.0, 1.5
+SHORT_S, GROWN = 2.0, 1.5
 """What takes fewer seconds is measured three times; a size counts if it takes so many times the start."""
 ANSWERS = "growth_answers"
 """The module of the models."""

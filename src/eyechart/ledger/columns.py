@@ -256,6 +256,28 @@ def _small(column: Ints) -> Ints:
     return column.astype(next(fits, np.int64))
 
 
+class _Column:
+    """A column that grows in place: many small arrays would leave as much memory in pieces once they are joined."""
+
+    def __init__(self) -> None:
+        self._held, self._count = np.zeros(0, dtype=np.int64), 0
+
+    def add(self, part: NDArray[Any]) -> None:
+        """Append values; the type widens as that of joined arrays does."""
+        end = self._count + len(part)
+        kind = np.promote_types(self._held.dtype, part.dtype) if self._count else part.dtype
+        if end > len(self._held) or kind != self._held.dtype:
+            grown = np.empty(max(2 * len(self._held), end), dtype=kind)
+            grown[: self._count] = self.whole
+            self._held = grown
+        self._held[self._count : end] = part
+        self._count = end
+
+    @property
+    def whole(self) -> NDArray[Any]:
+        return self._held[: self._count]
+
+
 @dataclass
 class _Gather:
     """Gathers columns from rows, several at a time."""
@@ -263,7 +285,7 @@ class _Gather:
     read: DecisionReader | None
     by_frame: bool
     _coded: dict[str, Codes] = field(default_factory=lambda: {name: Codes() for name in _CODED})
-    _parts: defaultdict[str, list[NDArray[Any]]] = field(default_factory=lambda: defaultdict(list))
+    _columns: defaultdict[str, "_Column"] = field(default_factory=lambda: defaultdict(_Column))
     _count: int = 0
     _names: Codes = field(default_factory=Codes)
     _served: dict[tuple[int, int], tuple[int, str, str]] = field(default_factory=dict)
@@ -306,7 +328,7 @@ class _Gather:
             self._entries.clear()
 
     def _put(self, name: str, column: NDArray[Any]) -> None:
-        self._parts[name].append(column)
+        self._columns[name].add(column)
 
     def _numbers(self, columns: Sequence[Row]) -> None:
         for name in (*_WHOLE, *_REAL):
@@ -378,8 +400,7 @@ class _Gather:
         """Return the columns."""
 
         def whole(name: str) -> NDArray[Any]:
-            parts = self._parts.pop(name, [])
-            return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+            return self._columns.pop(name, _Column()).whole
 
         names, said = self._names.words, {name: codes.words for name, codes in self._coded.items()}
         return Attempts(
