@@ -10,9 +10,9 @@ import resource
 import sqlite3
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
-from itertools import chain, count, islice
+from itertools import count, islice
 from pathlib import Path
 
 from eyechart.calls import CallKey, Reply
@@ -20,7 +20,7 @@ from eyechart.conditions import BATTERY
 from eyechart.frames import LEAD_GAP, MAIN, BankManifest, BankWriter, Frame, alone, encode, open_bank
 from eyechart.ledger import Ledger
 from eyechart.ledger.counter import WrittenCounts, counting
-from eyechart.ledger.rows import KEY, REPLY, checksum, now, row_of
+from eyechart.ledger.rows import REPLY, checksum, now, row_of
 from eyechart.manifest import LEDGER, RunManifest, today, versions, write_run
 from eyechart.prompts import find_prompt
 from eyechart.run import Plan
@@ -30,27 +30,34 @@ from eyechart.verdicts import judge
 from pairs import keep
 
 AT_ONCE = 5_000
-"""Calls written in one transaction."""
+"""Calls given to the database at once."""
 SEEING = frozenset({"real", "real_repeat", "mirrored", "recoloured"})
 """The conditions under which the answers follow the lead's distance."""
-_COLUMNS = {
-    f"calls (id, {KEY})": 1 + len(CallKey._fields),
-    "attempts (id, call, number, reason, request_sha256, sent_at)": 6,
-    f"replies (attempt, call, final, closed_at, {', '.join(REPLY)}, row_sha256)": 5 + len(REPLY),
-}
-INTO = tuple(f"INSERT INTO {name} VALUES ({', '.join('?' * many)})" for name, many in _COLUMNS.items())  # noqa: S608 - of this text
+_FIELDS = ", ".join((*REPLY, "row_sha256"))
+INTO = (
+    "INSERT INTO calls (id, study, model, prompt, frame, condition, repeat) VALUES (?, {study}, ?, {prompt}, ?, ?, 0)",
+    "INSERT INTO attempts (id, call, number, reason, request_sha256, sent_at) VALUES (?1, ?1, 1, NULL, ?2, ?3)",
+    f"INSERT INTO replies (attempt, call, final, closed_at, {_FIELDS}) VALUES (?1, ?1, 1, ?2, ?3, {{others}}, ?4)",  # noqa: S608 - of this text
+)
+"""What puts the rows of calls, where ``others`` are all that replies have beside their text."""
 
 
 def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
     """Write a bank and a finished ledger of depth-graded, noisy answers; return the number of calls."""
+    rng = random.Random(0)  # noqa: S311
+    write_bank(out / "source", rng, episodes=episodes, steps=steps)
+    return answer_all(out, models=models, rng=rng)
+
+
+def write_bank(root: Path, rng: random.Random, *, episodes: int, steps: int) -> None:
+    """Write a bank of one small picture, with drawn gaps to the lead."""
     import numpy as np  # noqa: PLC0415 - after the clock of a caller that measures imports
 
-    rng = random.Random(0)  # noqa: S311
     pixels = np.zeros((2, 2, 3), dtype=np.uint8)
     pixels[0, 0] = 255  # as one of a camera, it differs from its mirror image
     picture = encode(pixels)
     manifest = BankManifest("synthetic", "bench", "no pictures at all", DRIVING, LEAD_GAP)
-    with BankWriter(out / "source", manifest) as writer:
+    with BankWriter(root, manifest) as writer:
         for episode in range(episodes):
             for step in range(steps):
                 frame_id = f"e{episode}-{step}"
@@ -64,7 +71,6 @@ def make_run(out: Path, *, models: int, episodes: int, steps: int) -> int:
                     truth={"lead_gap_m": rng.uniform(5, 70)},
                 )
                 writer.add(frame, {MAIN: picture}, {})
-    return answer_all(out, models=models, rng=rng)
 
 
 def answer_all(out: Path, *, models: int, rng: random.Random, conditions: tuple[str, ...] = BATTERY) -> int:
@@ -88,35 +94,61 @@ def answer_all(out: Path, *, models: int, rng: random.Random, conditions: tuple[
     return fill(out / "run" / LEDGER, plan_of(run, bank), rng)
 
 
-def fill(path: Path, plan: Plan, rng: random.Random) -> int:
-    """Write every call, its attempt and its reply as a run does, many in one transaction; return how many."""
-    shown, numbers = plan.stimuli(), count(1)
+def digests(plan: Plan) -> Iterator[str]:
+    """Yield the digest of what is asked about each frame under each condition, the same of every model."""
+    shown = plan.stimuli()
+    for frame, condition in cells(plan):
+        key = CallKey(plan.study, plan.models[0], plan.prompt.key, frame.id, condition)
+        yield plan.query(key, shown.show(condition, frame.id)).sha256()
 
-    def rows_of(frame: Frame) -> Iterator[tuple[tuple[object, ...], ...]]:
-        """Yield the rows of each call about a frame: of the call, the attempt and the reply."""
-        near = float(frame.truth["lead_gap_m"] or 0) < 30
-        for condition in (name for name in plan.conditions if plan.shows(name, frame)):
-            own = CallKey("battery", plan.models[0], plan.prompt.key, frame.id, condition)
-            asked = plan.query(own, shown.show(condition, frame.id)).sha256()  # that of every model
-            seen = condition in SEEING
-            for spec in plan.models:
-                key, at = own._replace(model=spec), next(numbers)
-                answer = "SLOW" if near or not seen else "STRAIGHT"
-                text = rng.choice(DRIVING.actions) if seen and rng.random() < 0.2 else answer
-                sent = now()
-                reply = row_of(Reply(text, "stop", prompt_tokens=90, completion_tokens=2, seconds=0.1), final=True)
-                digest = checksum((*key, None, asked, sent, *reply))
-                yield (at, *key), (at, at, 1, None, asked, sent), (at, at, *reply, digest)
 
-    rows, written = chain.from_iterable(map(rows_of, plan.frames)), 0
+def cells(plan: Plan) -> Iterator[tuple[Frame, str]]:
+    """Yield each frame with each condition that it can be shown under, in the bank's order."""
+    return ((frame, name) for frame in plan.frames for name in plan.conditions if plan.shows(name, frame))
+
+
+def fill(path: Path, plan: Plan, rng: random.Random, asked: Iterable[str] | None = None) -> int:
+    """Write every call, its attempt and its reply as a run does, but for the order; return how many.
+
+    ``asked`` are the `digests` of what is asked, where they are known. Nothing is flushed to the disk, and a script
+    that is killed leaves no ledger of use.
+    """
+    numbers, actions = count(1), plan.bank.manifest.action_space.actions
+    replies = {text: Reply(text, "stop", prompt_tokens=90, completion_tokens=2, seconds=0.1) for text in actions}
+    fields = {text: row_of(reply, final=True)[2:] for text, reply in replies.items()}
+    study, prompt = plan.study, plan.prompt.key
+
+    def rows() -> Iterator[tuple[tuple[object, ...], ...]]:
+        """Yield the varying values of each call's rows: of the call, the attempt and the reply."""
+        for (frame, condition), digest in zip(cells(plan), digests(plan) if asked is None else asked, strict=True):
+            seen, sent = condition in SEEING, now()
+            answer = "SLOW" if float(frame.truth["lead_gap_m"] or 0) < 30 or not seen else "STRAIGHT"
+            for model, at in zip(plan.models, numbers):  # noqa: B905 - numbers never end
+                text = rng.choice(actions) if seen and rng.random() < 0.2 else answer
+                written = checksum(
+                    (study, model, prompt, frame.id, condition, 0, None, digest, sent, 1, sent, *fields[text])
+                )
+                yield (at, model, frame.id, condition), (at, digest, sent), (at, sent, text, written)
+
+    made, written = rows(), 0
     Ledger(path, create=True).__exit__(None, None, None)
     with closing(sqlite3.connect(path, isolation_level=None)) as sql:
-        while several := [*islice(rows, AT_ONCE)]:
-            sql.execute("BEGIN")
-            for into, many in zip(INTO, zip(*several, strict=True), strict=True):
-                sql.executemany(into, many)
-            sql.execute("COMMIT")
+        for how in ("journal_mode = OFF", "synchronous = OFF", "locking_mode = EXCLUSIVE", "cache_size = -500000"):
+            sql.execute(f"PRAGMA {how}")
+
+        def quoted(*values: object) -> str:
+            """Return values as they stand in a statement; to bind them anew for each row takes most of the time."""
+            return ", ".join(sql.execute("SELECT quote(?)", (value,)).fetchone()[0] for value in values)
+
+        same = {"study": quoted(study), "prompt": quoted(prompt), "others": quoted(*fields[actions[0]][1:])}
+        into = [one.format(**same) for one in INTO]
+        sql.execute("BEGIN")
+        while several := [*islice(made, AT_ONCE)]:
+            for statement, many in zip(into, zip(*several, strict=True), strict=True):
+                sql.executemany(statement, many)
             written += len(several)
+        sql.execute("COMMIT")
+        sql.execute("PRAGMA journal_mode = WAL")  # as a run has it
     with counting(path, WrittenCounts(written, written)) as counter:
         counter.write(WrittenCounts(written, written))
     return written

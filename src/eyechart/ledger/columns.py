@@ -1,10 +1,12 @@
 """Attempts as columns: a ledger is read in one pass, which checks every row, and then counted by numpy."""
 
+import gc
 import json
 import re
 import sqlite3
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
@@ -201,14 +203,27 @@ def read_columns(sql: sqlite3.Connection, read: DecisionReader | None, *, by_fra
     Raises UnsoundError where a row differs.
     """
     gather = _Gather(read, by_frame=by_frame)
-    for several in _several(sql):
-        if check:
-            _require_sums(several)
-        gather.add(several)
+    with _uncollected():
+        for several in _several(sql):
+            if check:
+                _require_sums(several)
+            gather.add(several)
     made = gather.made()
     if check:
         _require_links(sql, made)
     return made
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Pause Python's search for cycles: rows are many and have none, and it takes a tenth of their reading."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def _several(sql: sqlite3.Connection) -> Iterator[list[Row]]:
@@ -241,6 +256,28 @@ def _small(column: Ints) -> Ints:
     return column.astype(next(fits, np.int64))
 
 
+class _Column:
+    """A column that grows in place: many small arrays would leave as much memory in pieces once they are joined."""
+
+    def __init__(self) -> None:
+        self._held, self._count = np.zeros(0, dtype=np.int64), 0
+
+    def add(self, part: NDArray[Any]) -> None:
+        """Append values; the type widens as that of joined arrays does."""
+        end = self._count + len(part)
+        kind = np.promote_types(self._held.dtype, part.dtype) if self._count else part.dtype
+        if end > len(self._held) or kind != self._held.dtype:
+            grown = np.empty(max(2 * len(self._held), end), dtype=kind)
+            grown[: self._count] = self.whole
+            self._held = grown
+        self._held[self._count : end] = part
+        self._count = end
+
+    @property
+    def whole(self) -> NDArray[Any]:
+        return self._held[: self._count]
+
+
 @dataclass
 class _Gather:
     """Gathers columns from rows, several at a time."""
@@ -248,7 +285,7 @@ class _Gather:
     read: DecisionReader | None
     by_frame: bool
     _coded: dict[str, Codes] = field(default_factory=lambda: {name: Codes() for name in _CODED})
-    _parts: defaultdict[str, list[NDArray[Any]]] = field(default_factory=lambda: defaultdict(list))
+    _columns: defaultdict[str, "_Column"] = field(default_factory=lambda: defaultdict(_Column))
     _count: int = 0
     _names: Codes = field(default_factory=Codes)
     _served: dict[tuple[int, int], tuple[int, str, str]] = field(default_factory=dict)
@@ -291,7 +328,7 @@ class _Gather:
             self._entries.clear()
 
     def _put(self, name: str, column: NDArray[Any]) -> None:
-        self._parts[name].append(column)
+        self._columns[name].add(column)
 
     def _numbers(self, columns: Sequence[Row]) -> None:
         for name in (*_WHOLE, *_REAL):
@@ -363,8 +400,7 @@ class _Gather:
         """Return the columns."""
 
         def whole(name: str) -> NDArray[Any]:
-            parts = self._parts.pop(name, [])
-            return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+            return self._columns.pop(name, _Column()).whole
 
         names, said = self._names.words, {name: codes.words for name, codes in self._coded.items()}
         return Attempts(

@@ -77,6 +77,8 @@ _ASKED = OF_KEY + 3
 """Number of columns in a checksum before those of the reply."""
 _TAKEN: set[str] = set()
 """Digests of files that are sound or accepted as they are; they are not checked again."""
+_INDEXED: set[str] = set()
+"""Digests of files whose indexes were compared with their tables: `Ledger.columns` reads none."""
 _REQUEST, _REPLY = WrittenCounts(1, 0), WrittenCounts(0, 1)
 
 
@@ -154,12 +156,22 @@ class Ledger:
         opening.callback(sql.close)
         self._format = format_of(sql, self.path)
         sql.executescript(OLDER.get(self._format, ""))
-        if self._digest not in _TAKEN:
-            (require_sound if sound else require_whole)(sql, self.path)
-            if sound:
-                self.take()
+        self._check(sql, sound=sound)
         self.missing = counted.expected.without(_counted(sql))
         return sql
+
+    def _check(self, sql: sqlite3.Connection, *, sound: bool) -> None:
+        """Check the whole copy, or its tables as a database; what was checked before is not again."""
+        known = self._digest in _TAKEN
+        if not known and not sound:
+            require_whole(sql, self.path, indexes=False)
+        elif not known:
+            require_sound(sql, self.path)
+            self.take()
+        elif sound and self._digest not in _INDEXED:
+            require_whole(sql, self.path)
+        if sound and self._digest is not None:
+            _INDEXED.add(self._digest)
 
     def _append(self, opening: ExitStack) -> sqlite3.Connection:
         """Open the file itself, after a check of a copy; make it if it is missing."""
@@ -361,6 +373,7 @@ class Ledger:
 
     def damaged(self) -> list[str]:
         """Return in words the rows that differ from what was written, as checksums show."""
+        require_whole(self._sql, self.path)
         return list(damaged(self._sql))
 
     def unchecked(self) -> int:
