@@ -6,10 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from eyechart.errors import counted
-from eyechart.frames import Frame, FrameBank, Gap, decode
+from eyechart.frames import Frame, FrameBank, Gap, Scalar, decode
 
 _APART = 30.0
 """Distances of moved things whose middle is so many times the gaps' are in another unit, most likely."""
+_TWICE = 2.0
+"""Two gaps whose pictures may be equal where pixels are coarse differ by no more than this factor."""
 _LOOKED_AT = 20
 _DARK = 40
 """The brightest level, of 255, of a picture that holds the numbers of classes, and no light."""
@@ -62,14 +64,20 @@ def _shown_twice(bank: FrameBank, gap: Gap) -> Iterator[str]:
     same = defaultdict[object, list[Frame]](list)
     for frame in bank:
         same[_shown(bank, frame.pictures)].append(frame)
-    unlike = [many for many in same.values() if len({one.truth.get(gap.column) for one in many}) > 1]
+    unlike = [many for many in same.values() if _are_apart([one.truth.get(gap.column) for one in many])]
     if unlike:
         one, other = next((unlike[0][0], two) for two in unlike[0] if _gap(two, gap) != _gap(unlike[0][0], gap))
         yield (
-            f"{sum(map(len, unlike))} of {len(bank)} frames show the same picture as another one, with another gap: "
+            f"{sum(map(len, unlike))} of {len(bank)} frames show the picture of another one, with quite another gap: "
             f"'{one.id}' has {_gap(one, gap)} and '{other.id}' {_gap(other, gap)}. Was the camera frozen, or does the "
             "gap belong to another row?"
         )
+
+
+def _are_apart(gaps: Sequence[Scalar]) -> bool:
+    """Return whether one of the gaps is more than twice another one, or some are none."""
+    numbers = [one for one in gaps if isinstance(one, int | float)]
+    return 0 < len(numbers) < len(gaps) or (bool(numbers) and max(numbers) > _TWICE * min(numbers))
 
 
 def _gap(frame: Frame, gap: Gap) -> str:
