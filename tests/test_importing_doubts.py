@@ -79,9 +79,7 @@ def test_a_picture_that_stands_beside_two_gaps_is_said(tmp_path: Path) -> None:
     """A camera that freezes for a while, or a gap of another row."""
     found = costs(bank(made(tmp_path, shown=[0, 0, 2, 3, 4, 5, 6, 6])))
     line = next(line for line in found if "with quite another gap" in line)
-    assert line.startswith(
-        "4 of 8 frames show the picture of another one, with quite another gap: '0.png' has 5 m"
-    )
+    assert line.startswith("4 of 8 frames show the picture of another one, with quite another gap: '0.png' has 5 m")
     assert "'1.png' 30 m. Was the camera frozen" in line
 
 
