@@ -635,6 +635,11 @@ def _check_distances(kept: BankRows, choices: Choices, truth: Mapping[str, Seque
         for where, one in zip(named, truth[name], strict=False):
             if isinstance(one, int | float) and one < 0:
                 kept.faults.add(f"{where}: '{name}' is {one:g}, and no distance is below 0; leave the cell empty")
+    _check_ends(kept, truth, named)
+
+
+def _check_ends(kept: BankRows, truth: Mapping[str, Sequence[Scalar]], named: Sequence[str]) -> None:
+    """Note as a fault a near distance that is not less than the far one of its row."""
     ends = zip(named, truth.get("lead_near_m", ()), truth.get("lead_far_m", ()), strict=False)
     for where, near, far in ends:
         if isinstance(near, int | float) and isinstance(far, int | float) and near >= far:
