@@ -898,8 +898,7 @@ def write(
         if windows is not None:
             windows.require_some(added)
             said += windows.said()
-        if manifest.motion is None:
-            _require_several(writer, added)
+        _require_several(writer, added, manifest)
         _take_once(writer, added, manifest.gap, keep=choices.keep_repeats)
         if source.converted:
             writer.note("converted", dict(sorted(source.converted.items())))
@@ -908,10 +907,10 @@ def write(
     return open_bank(out)
 
 
-def _require_several(writer: BankWriter, added: Sequence[Frame]) -> None:
+def _require_several(writer: BankWriter, added: Sequence[Frame], manifest: BankManifest) -> None:
     """Raise SourceError if all frames show one picture: no model could tell them apart by looking."""
     shown = {tuple(map(writer.digest, frame.pictures.values())) for frame in added}
-    if len(shown) == 1 < len(added):
+    if manifest.motion is None and len(shown) == 1 < len(added):
         raise SourceError(
             f"all {len(added)} rows show one and the same picture, such as '{added[0].id}' and '{added[-1].id}': a "
             "model that looks and one that does not answer alike there. Was the camera frozen, or one file copied?"
