@@ -181,6 +181,11 @@ def test_a_role_is_taken_as_it_is_annotated(tmp_path: Path) -> None:
         ("yolo", "0 0.5 0.5 0.1 0.1 -4", "the distance is -4; it is more than 0"),
         ("yolo", "0 0.5 0.5 0 0.1", "its box is empty"),
         ("yolo", "0 0.5 0.5 0.1 0.1 0.9\n0 0.2 0.5 0.1 0.1 0.4", "no distance is above 1, as if the last number"),
+        (
+            "yolo",
+            "0 0.5 0.5 0.1 0.1 7\n0 0.2 0.5 0.1 0.1 12",
+            "every distance is a whole number, as if the last number",
+        ),
         ("mot", "99,1,2,3,4,5", "there is no picture of instant 99"),
         ("mot", "0,1,2,3,0,5", "its box is empty"),
         ("mot", "0,1,2", "gt.txt, line 1 has not the six numbers of MOT"),

@@ -74,9 +74,10 @@ def read_yolo(folder: Path, objects: Path, faults: Faults) -> Annotations:
     """Read a folder of text files, whose numbers are shares of the picture.
 
     A line is ``class x y width height``, with the middle of the box, or ``class x1 y1 x2 y2 …``. One
-    number more is the distance in metres.
+    number more is the distance in metres, with a point in one of them at least: a tracker writes
+    the number of its track there.
     """
-    photos = []
+    photos, written = [], set[str]()
     for file, labels in pictures_of(folder, objects, faults):
         things = []
         with faults.noted():
@@ -84,12 +85,18 @@ def read_yolo(folder: Path, objects: Path, faults: Faults) -> Annotations:
             for number, line in enumerate(text_lines(labels, None), 1):
                 if line.strip():
                     with faults.noted():
-                        things.append(_of_yolo(line.split(), size, f"{labels.name}, line {number}"))
+                        things.append(_of_yolo(words := line.split(), size, f"{labels.name}, line {number}"))
+                        written.update(words[-1:] if things[-1].distance_m is not None else [])
         photos.append(Photo(file, {}, things=tuple(things), where=labels.name))
     away = [thing.distance_m for one in photos for thing in one.things if thing.distance_m is not None]
     if away and max(away) <= 1:
         faults.add(
             f"{objects}: no distance is above 1, as if the last number of a line were a confidence: take it away"
+        )
+    elif written and all(map(str.isdecimal, written)):
+        faults.add(
+            f"{objects}: every distance is a whole number, as if the last number of a line were that of a track: take "
+            "it away, or write distances with a point, as 12.0"
         )
     return Annotations(tuple(photos), ())
 

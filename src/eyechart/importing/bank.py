@@ -5,7 +5,7 @@ A user's picture is copied unchanged, after a check that every program shows the
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -35,6 +35,7 @@ from eyechart.frames import (
     is_reserved,
     open_bank,
     read_axis,
+    size_of,
 )
 from eyechart.importing import columns as reading
 from eyechart.importing.cells import (
@@ -315,6 +316,7 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     shown = {kind: one for kind, (one, _) in drawn.items()}
     _require_nudged(shown, where)
     _require_moved(shown, where)
+    _require_of_one_size(images, shown, where)
     return (
         replace(frame, pictures=files, counterfactuals=changed),
         images,
@@ -365,6 +367,18 @@ def _require_moved(shown: Mapping[str, Mapping[str, bytes]], where: str) -> None
                 f"{where}: {one} and {other} are the same picture, but something must be moved between them. Leave "
                 f"the cell of a missing picture empty, or leave the column out (--map {other}=)"
             )
+
+
+def _require_of_one_size(images: Mapping[str, bytes], shown: Mapping[str, Mapping[str, bytes]], where: str) -> None:
+    """Raise SourceError if pictures of one moment differ in size, by which a model could tell them apart."""
+    for kind, pictures in shown.items():
+        for camera, picture in pictures.items():
+            (wide, high), (width, height) = size_of(picture, kind), size_of(images[camera], "file")
+            if (wide, high) != (width, height):
+                raise SourceError(
+                    f"{where}: {kind} has {wide}×{high} pixels, and the true picture {width}×{height}: pictures of one "
+                    "moment need one size, else a model could tell them apart by it"
+                )
 
 
 def keep(table: SourceTable, choices: Choices) -> BankRows:
@@ -572,6 +586,8 @@ def cells_of(kept: BankRows, choices: Choices, locate: Callable[[str, str], str]
         }
     _check_taken(kept, changed)
     truth, state = _truths(kept, choices), {} if choices.rig is None else _states(choices.rig, kept)
+    for name in choices.strata:
+        _check_alike(kept, f"stratum '{name}'", (one for one in truth.get(name, ()) if isinstance(one, str)))
     if clash := sorted(state.keys() & {*truth, *choices.prompt_columns}):
         kept.faults.add(f"--rig: the state '{clash[0]}' has the name of a column that is kept; give it another name")
     axis, free = kept.places.get("mirror"), {*kept.table.columns} - {*kept.places.values()}
@@ -619,6 +635,18 @@ def _check_distances(kept: BankRows, choices: Choices, truth: Mapping[str, Seque
         for where, one in zip(named, truth[name], strict=False):
             if isinstance(one, int | float) and one < 0:
                 kept.faults.add(f"{where}: '{name}' is {one:g}, and no distance is below 0; leave the cell empty")
+    _check_ends(kept, truth, named)
+
+
+def _check_ends(kept: BankRows, truth: Mapping[str, Sequence[Scalar]], named: Sequence[str]) -> None:
+    """Note as a fault a near distance that is not less than the far one of its row."""
+    ends = zip(named, truth.get("lead_near_m", ()), truth.get("lead_far_m", ()), strict=False)
+    for where, near, far in ends:
+        if isinstance(near, int | float) and isinstance(far, int | float) and near >= far:
+            kept.faults.add(
+                f"{where}: 'lead_near_m' is {near:g} and 'lead_far_m' {far:g}, but near is less than far: are the "
+                "columns exchanged, and their pictures too?"
+            )
 
 
 def _read_moved(cell: Cell, what: str) -> float | None:
@@ -740,7 +768,7 @@ def _placed(kept: BankRows, *, independent: bool) -> tuple[list[str], list[str],
     _check_steps(kept)
     for place, labels in (("scenario", scenarios), ("episode", episodes)):
         if place in kept.places:
-            _check_alike(kept, place, labels)
+            _check_alike(kept, f"{place} '{kept.places[place]}'", labels)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
         return scenarios, episodes, steps  # some of their cells have faults
     if {"scenario", "episode"} <= kept.places.keys() and len(set(zip(scenarios, episodes, strict=True))) > len(
@@ -777,14 +805,17 @@ def _check_apart(kept: BankRows, scenarios: Sequence[str], episodes: Sequence[st
     )
 
 
-def _check_alike(kept: BankRows, place: str, labels: Sequence[str]) -> None:
-    """Note names of a place that look the same as faults; `costs` reports other spellings."""
+def _check_alike(kept: BankRows, place: str, labels: Iterable[str]) -> None:
+    """Note names that look the same as faults; `costs` reports other spellings.
+
+    ``place`` names what they are of, and the column.
+    """
     first: dict[str, str] = {}
     for label in dict.fromkeys(labels):
         if (other := first.setdefault(alike(label), label)) != label:
             kept.faults.add(
-                f"{kept.table.name}: the {place} '{kept.places[place]}' is {label!a} in some rows and {other!a} in "
-                f"others: if that is one {place}, use one spelling; if it is two, use two distinct names"
+                f"{kept.table.name}: the {place} is {label!a} in some rows and {other!a} in others: if that is one "
+                f"{place.split(maxsplit=1)[0]}, use one spelling; if it is two, use two distinct names"
             )
 
 
@@ -867,12 +898,23 @@ def write(
         if windows is not None:
             windows.require_some(added)
             said += windows.said()
+        _require_several(writer, added, manifest)
         _take_once(writer, added, manifest.gap, keep=choices.keep_repeats)
         if source.converted:
             writer.note("converted", dict(sorted(source.converted.items())))
         if said:
             writer.note(SAID, said)
     return open_bank(out)
+
+
+def _require_several(writer: BankWriter, added: Sequence[Frame], manifest: BankManifest) -> None:
+    """Raise SourceError if all frames show one picture: no model could tell them apart by looking."""
+    shown = {tuple(map(writer.digest, frame.pictures.values())) for frame in added}
+    if manifest.motion is None and len(shown) == 1 < len(added):
+        raise SourceError(
+            f"all {len(added)} rows show one and the same picture, such as '{added[0].id}' and '{added[-1].id}': a "
+            "model that looks and one that does not answer alike there. Was the camera frozen, or one file copied?"
+        )
 
 
 def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, keep: bool) -> None:

@@ -27,6 +27,8 @@ _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 _COMMA = re.compile(r"[+-]?\d+,\d+")
 """A number with a decimal comma, or with a mark of thousands."""
+_ROUNDED = re.compile(r"[+-]?\d([.,]\d+)?[eE]\+\d+")
+"""A long number as a spreadsheet shows and saves it, without its last digits."""
 _NOTHING = re.compile(r"nan|<na>|#?n/a|nat|null")
 """Lower-case words that programs write into empty cells."""
 
@@ -127,7 +129,14 @@ def read_step(cell: Cell, what: str) -> int:
 
 
 def read_label(cell: Cell, what: str) -> str:
-    """Return a cell as a name (3.0 is '3'); raises SourceError if empty."""
+    """Return a cell as a name (3.0 is '3'); raises SourceError if empty, or a rounded number."""
+    if (isinstance(cell, float) and _EXACT <= abs(cell) < math.inf) or (
+        isinstance(cell, str) and _ROUNDED.fullmatch(cell.strip())
+    ):
+        raise SourceError(
+            f"{what} is {_quoted(cell)}, a long number without its last digits, so that different names may be one "
+            "here: save the column as text, with all digits"
+        )
     text = (
         str(int(cell)) if isinstance(cell, float) and math.isfinite(cell) and cell == int(cell) else str(cell).strip()
     )

@@ -14,6 +14,7 @@ from eyechart.frames import EXCHANGE, LEAD, Frame, FrameBank
 from eyechart.importing import columns as reading
 from eyechart.importing.bank import GUESSED, KIND, SAID
 from eyechart.importing.cells import loosely_alike, plain_name
+from eyechart.importing.doubts import doubts
 from eyechart.importing.log_warnings import notes
 from eyechart.importing.numerals import unit_named, unit_of
 from eyechart.importing.repeats import REPEATS, in_words
@@ -126,7 +127,7 @@ def costs(bank: FrameBank) -> list[str]:
         lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
     if "step" in manifest.absent and "episode" not in manifest.absent:
         lines.append("no steps: the rows of an episode count as its steps, in their order")
-    lines += [*_counted_twice(bank), *_nearly_one(bank)]
+    lines += [*doubts(bank), *_counted_twice(bank), *_nearly_one(bank)]
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
     lines += [
