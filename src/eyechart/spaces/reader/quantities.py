@@ -136,7 +136,7 @@ _BEHIND_OPTION = re.compile(
     re.IGNORECASE,
 )
 _OPENING = re.compile(
-    rf"(?P<before>\A[\s\"'*]*)(?P<number>(?!one\b){_WORDED})(?=[.!]\s)(?!.*[.!\n]\s*(?:{_ANY})[.:,)])",
+    rf"(?P<before>\A[\s\"'*]*)(?P<number>(?!one\b){_WORDED})(?=[.!]\s)(?!.*[.!\n][ \t]{{0,4}}(?:{_ANY})[.:,)])",
     re.IGNORECASE | re.DOTALL,
 )
 """A number word that is the first sentence, and numbers none: "Zero. The road is straight."."""

@@ -182,8 +182,9 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
 
 
 _ROBOT = re.compile(
-    r"\A(\W*the (?:robot|rover)) (?:(go)es|([a-z]{2,12}?)s)\b(?=[^.,;!?\n]{0,20},? (?:because|since|due to)\b)",
-    re.IGNORECASE,
+    r"\A(\W*the (?:robot|rover)) (?:(go)es|([a-z]{2,12}?)s)\b(?=[^.,;!?\n]{0,20},? (?:because|since|due to)\b)"
+    r"(?!.*\b(?:then|or|says?)\b)",
+    re.IGNORECASE | re.DOTALL,
 )
 """What the robot does, with a reason, opens a reply: "The robot stops, since the floor is wet."."""
 _TURNS = re.compile(
