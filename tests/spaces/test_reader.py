@@ -131,6 +131,8 @@ REPEATED = {
     "sentences": "I choose 1. ",
     "number words": "two. ",
     "letters": "B ",
+    "blank lines": "\n",
+    "columns": " \t",
 }
 BINS = Discrete("bins", ("-2", "-1", "0", "1", "2", "B"), (("-2", "2"), ("-1", "1")), (), ())
 
@@ -140,7 +142,7 @@ def test_what_is_repeated_is_read_in_linear_time(what: str) -> None:
     """Eight times as much takes at most sixteen times as long; in quadratic time it would take sixty-four."""
     times = []
     for length in (12_000, 96_000):
-        reply = Reply(REPEATED[what] * (length // len(REPEATED[what])), "stop", None)
+        reply = Reply(f"Two. {REPEATED[what] * (length // len(REPEATED[what]))}x", "stop", None)
         start = time.process_time()
         BINS.read(reply)
         times.append(time.process_time() - start)

@@ -163,6 +163,7 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     decides. Different statements of one form are no decision, unless words between withdraw one. A
     reply that first says that it sees no picture or cannot help is refused, whatever follows.
     """
+    visible = _GAP.sub(lambda gap: "\n" * min(2, gap[0].count("\n")) or "    ", visible)
     if (bare := names.whole(fold(visible))) is not None:
         return Decision(bare)
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
@@ -181,6 +182,8 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     return words
 
 
+_GAP = re.compile(r"\s{5,}")
+"""Blank lines and columns of spaces, which say no more than one blank line or a few spaces do."""
 _ROBOT = re.compile(
     r"\A(\W*the (?:robot|rover)) (?:(go)es|([a-z]{2,12}?)s)\b(?=[^.,;!?\n]{0,20},? (?:because|since|due to)\b)"
     r"(?!.*\b(?:then|or|says?)\b)",
