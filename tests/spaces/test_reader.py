@@ -114,6 +114,41 @@ def test_a_hostile_reply_is_read_in_bounded_time(what: str) -> None:
     assert decision.action == STATED.get(what)
 
 
+REPEATED = {
+    "calls": "steer(1) ",
+    "assignments": "action=1 ",
+    "what is returned": "return 1\n",
+    "frames of Chinese": "我选择1,",
+    "frames of Japanese": "1にします。",
+    "frames of German": "ich wähle 1, ",
+    "lines": "Action: 1\n",
+    "objects": '{"a":1} ',
+    "quotes": '"1" ',
+    "brackets": "(1",
+    "closed brackets": "1) ",
+    "denials": "not 1 ",
+    "hedges": "maybe 1, ",
+    "sentences": "I choose 1. ",
+    "number words": "two. ",
+    "letters": "B ",
+    "blank lines": "\n",
+    "columns": " \t",
+}
+BINS = Discrete("bins", ("-2", "-1", "0", "1", "2", "B"), (("-2", "2"), ("-1", "1")), (), ())
+
+
+@pytest.mark.parametrize("what", REPEATED)
+def test_what_is_repeated_is_read_in_linear_time(what: str) -> None:
+    """Eight times as much takes at most sixteen times as long; in quadratic time it would take sixty-four."""
+    times = []
+    for length in (12_000, 96_000):
+        reply = Reply(f"Two. {REPEATED[what] * (length // len(REPEATED[what]))}x", "stop", None)
+        start = time.process_time()
+        BINS.read(reply)
+        times.append(time.process_time() - start)
+    assert times[1] < 16 * times[0] + 0.2
+
+
 def test_what_stands_in_long_thinking_is_no_answer() -> None:
     """However far back it was opened; and what follows it is read."""
     thought = "<think>" + "the road is grey. " * 10_000 + "ACTION: LEFT"

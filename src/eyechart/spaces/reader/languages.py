@@ -76,6 +76,8 @@ _GLOSSES = {
     "then": "dann puis luego después depois poi затем потом",
     "dangerous": "gefährlich peligroso peligrosa dangereux dangereuse perigoso perigosa pericoloso pericolosa",
     "the robot": "roboter robot robô fahrzeug véhicule vehículo veículo veicolo",
+    "other": "outro outra otro otra altro altra autre",
+    "execute": "executar ejecutar exécuter eseguire uitvoeren",
     "steer": "lenke",
     "drive": "fahre roulerais",
 }
@@ -107,6 +109,8 @@ _JOINED = (
     (re.compile(rf"\bshould\s+{_MARK}"), "should be "),
     (re.compile(r"\b(choose|would)\s+i\b"), r"i \1"),
     (re.compile(r"\bchoose\s+(?:for|with)\b"), "choose"),
+    (re.compile(r"\bother the robot\b"), "the other robot"),
+    (re.compile(r"\b(?:at|a|because) choose (?=is\b)"), "chosen "),
     (re.compile(r"\b[ao]\s+(?=(?:option|action|answer|choice|decision)\b)", re.IGNORECASE), ""),
     (re.compile(r"\b(value|angle)(?:\s+of)?\s+steering\b", re.IGNORECASE), r"steering \1"),
     (
@@ -121,6 +125,7 @@ _JOINED = (
 _NEAR = re.compile(r"[\u3040-\u30ff\u3400-\u9fff\uac00-\ud7af]")
 _CAR = r"(?<![\u3400-\u9fffの])"
 _CJK = (
+    (r"((?:速度|角度?|舵角)は\s?[+-]?[\d.]+\s?(?:m/s|度|°)?)\s?(?:に|と)します", r"\1 "),
     (r"(?:私|僕)は", " "),
     (r"不[行可好]", " is wrong "),
     (r"ではなくて?|じゃなくて?", " is wrong, "),

@@ -1,6 +1,7 @@
 """Names that are numbers or single letters, where they are an option, not a count or an article."""
 
 import re
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -19,6 +20,8 @@ _TOKEN = re.compile(
     rf"(?<![{LETTERS}_.~≈≥≤<±$€£²³°º˚%+-])(?<!\w[-/:])(?<!\+/)(?<!\d[.,])(?<!\d [-x×/])(?<!\d [x×/] )(?<!\d[x×/] )"
     rf"(?P<number>{_NUMBER})(?![.,:/x×·]?\d|[,/][+-]\d|[ \t]?[-–][ \t]?\d|[ \t]?[x×/][ \t]?\d)"
 )
+_TOKENS_AT_MOST = 2000
+"""The most numbers or letters to read, the last ones."""
 _BETWEEN = r"[ \t]*(?:[-+/x×*^&·~]|\.{2,})?[ \t]*"
 _BESIDE_BEFORE = re.compile(
     rf"(?:(?P<number>\d+){_BETWEEN}|(?:[≤≥≠≈~±]=?|(?:(?<![-=])[<>]|!)=|(?<![-=\w])[<>])[ \t]*)\Z"
@@ -106,6 +109,7 @@ _CONCLUDES = re.compile(
 )
 _STARTS = re.compile(r"[ \t>#*+-]*\(?")
 _CLOSES = re.compile(r"[.):][ \t]+\S")
+_OPENS_QUOTE, _CLOSES_QUOTE = re.compile(r"(?:\A|[:=\n]|\b(?:choose|pick|is))\s*[\"'] ?\Z"), re.compile(r" ?[\"']")
 _TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
 
 
@@ -197,7 +201,7 @@ def mentions(text: str, marks: Marks) -> Iterator[Mention]:
 
 def _numbers(text: str, marks: Marks) -> Iterator[Mention]:
     numbers, signed = marks.numbers, marks.is_signed
-    for match in _TOKEN.finditer(text):
+    for match in deque(_TOKEN.finditer(text), _TOKENS_AT_MOST):
         split = split_number(match["number"])
         for unit, action in numbers.get(split[0], ()) if split is not None else ():
             start, end = match.start(), _unit_end(text, match.end(), unit)
@@ -263,13 +267,13 @@ def _unit_end(text: str, start: int, unit: str) -> int | None:
 def _letters(text: str, marks: Marks) -> Iterator[Mention]:
     letters = marks.letters
     of_any_case = {letter.upper(): action for letter, action in letters.items()}
-    for match in _LETTER.finditer(text):
+    for match in deque(_LETTER.finditer(text), _TOKENS_AT_MOST):
         letter, start, end = match["letter"], match.start(), match.end()
         action = letters.get(letter)
         named = _WITH_OPTION.search(text[max(0, start - 40) : start]) is not None
         closed = text[end : end + 1] == ")" and text[max(0, start - 1) : start] in {"", "(", " ", "\n"}
         closed = closed or (_OPENS.match(text, end) is not None and not re.search(r"\w", text[:start][-40:]))
-        if action is None and (named or closed):
+        if action is None and (named or closed or _is_quoted(text, start, end)):
             action = of_any_case.get(letter.upper())
         if (not named and _is_shortened(text, match)) or _is_other_side(
             marks.sides.get(action or ""), text, start, end
@@ -277,6 +281,12 @@ def _letters(text: str, marks: Marks) -> Iterator[Mention]:
             continue
         if action is not None and (letter != "I" or named or closed) and _is_option(text, start, end, letter=True):
             yield Mention(action, letter, _begin(text, start), end)
+
+
+def _is_quoted(text: str, start: int, end: int) -> bool:
+    """Return whether a letter is quoted behind a colon or a verb of choice: "My choice: "b""."""
+    opens = _OPENS_QUOTE.search(text, max(0, start - 40), start)
+    return opens is not None and _CLOSES_QUOTE.match(text, end) is not None
 
 
 def _is_shortened(text: str, match: re.Match[str]) -> bool:
@@ -311,7 +321,7 @@ def _is_option(
         return False
     after = _WORD_AFTER.match(right)
     if after is not None and not (_AFTER.fullmatch(after[1].lower()) or (letter and _DOES.fullmatch(after[1].lower()))):
-        return (united or named) and after[1].lower() == "to" and not _TO_NUMBER.match(right)
+        return (united or named or measured) and after[1].lower() == "to" and not _TO_NUMBER.match(right)
     if _TO_NUMBER.match(right):
         return False
     return not _numbers_a_line(text, start, end)

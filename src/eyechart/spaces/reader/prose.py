@@ -30,7 +30,7 @@ _SHORT = 80
 use."""
 _LEFT, _RIGHT, _JOINT = 160, 80, 40
 """Characters to read before a mention, after it, and between two in one list."""
-_MENTIONS_AT_MOST = 2000
+_MENTIONS_AT_MOST = 500
 """The most mentions to read, the last ones."""
 
 
@@ -247,7 +247,7 @@ _CHOSEN_BEFORE = re.compile(
             (
                 rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately"
                 rf"|safely|first"
-                rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+to)?{_END}"
+                rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+(?:to|an))?{_END}"
             ),
             rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s|'d be| is| would be| has to be| must be)(?:\s+the)?{_END}",
             rf"\b{_MEANS}\s*:?\s*(?:{_DONE})?{_END}",
@@ -359,6 +359,8 @@ _SET_TO = re.compile(
     rf"|needs to)(?: (?:therefore|thus|then|now))*\s+be(?: (?:therefore|set to|at))*"
     rf"|(?<!current )(?<!previous )(?<!last )(?:steering|bin) (?:value|command|bin|choice)\s+(?:is|would be)"
     rf"|\b{_QUANTITY}\s+(?:i|we)(?:'d|\s+would)? (?:choose|pick|set|take|use|recommend) (?:is|would be)"
+    r"|\b(?:id|number|index|action|option|command|bin|letter|value|code)\s+(?:i|we)(?:'d|'ll|\s+would|\s+will)?"
+    r"\s+(?:choose|pick|select|take|use|send|output|give|return) (?:is|would be)"
     rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel"
     rf"|it)\s+(?:to|at)"
     rf"|{_OWN_WILL}(?:steer(?: by| with)?"
@@ -366,6 +368,12 @@ _SET_TO = re.compile(
     r"(?: speed)?)\s+to))[\s\"'(:]*$"
 )
 """Words before a number to which a speed or an angle is set."""
+
+_CAN = re.compile(
+    r"\W*(?:so\W+)?(?:we|i|the robot) can (?:(?:safely|now) )?(?:drive|go|move|travel|proceed) (?:on )?at\s+"
+)
+_CAN_NOW = re.compile(r"(?:\s(?:here|now|safely))?(?:[\s.!]*$|,?\s(?:because|since|as)\b)")
+"""What can be done is chosen where nothing else is said: "We can drive at 2 m/s"."""
 
 # Words that withdraw a mention.
 
@@ -406,7 +414,7 @@ _ALL_BUT = re.compile(r"(?:anything|everything|all) $")
 _BAD = _one_of(
     "unsafe|dangerous|risky|impossible|wrong|incorrect|bad|a bad|a mistake|unnecessary|unneeded|unavailable|blocked"
     "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate"
-    "|pointless|out(?! of)"
+    "|pointless|(?<!watch )(?<!look )out(?! of)"
     "|опасн\\w*|peligros\\w*|dangereu\\w*|gefährlich|falsch|pericolos\\w*|niebezpieczn\\w*|perigos\\w*|farlig\\w*"
     "|危险|危険"
     "|unwise|overkill|excessive|hardly|never|besetzt|belegt|blockiert|occup[ée]e?|ocupado|занят\\w*"
@@ -539,7 +547,7 @@ _ANSWERS = re.compile(
     r"|antwort|aktion|entscheidung|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision|choix|risposta"
     r"|azione"
     r"|decisione|odpowiedź|svar|svaret|antwoord|ответ|відповідь|действие|решение|colou?r|shape|\d{1,2}|of action"
-    r"|name)\b"
+    r"|name|exec(?:ute)?|in terms of the (?:given |allowed )?(?:list|options|actions|names))\b"
     r"|答案|答え|正解|正确答案|回答|动作|動作|行動|操作|选择|選択|決定|决定|정답|답|답변|행동|是|は|为|الإجابة"
     r"|الجواب|القرار|الإجراء|תשובה|उत्तर"
     r"|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns|[^\w@])+"
@@ -976,7 +984,8 @@ def _is_chosen_around(left: str, right: str, mention: Mention, *, several: bool)
     if _CHOSEN_BEFORE.search(left) or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right):
         return True
     if is_mark(mention.action):
-        return _SET_TO.search(left) is not None
+        can = mention.united and _CAN.fullmatch(left) is not None and _CAN_NOW.match(right) is not None
+        return can or _SET_TO.search(left) is not None
     return several and not mention.derived and _DOES.search(left) is not None
 
 

@@ -135,6 +135,11 @@ _BEHIND_OPTION = re.compile(
     rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select)\s+)(?P<number>{_WORDED})(?![\w-])",
     re.IGNORECASE,
 )
+_OPENING = re.compile(
+    rf"(?P<before>\A[\s\"'*]*)(?P<number>(?!one\b){_WORDED})(?=[.!]\s)(?!.*[.!\n][ \t]{{0,4}}(?:{_ANY})[.:,)])",
+    re.IGNORECASE | re.DOTALL,
+)
+"""A number word that is the first sentence, and numbers none: "Zero. The road is straight."."""
 _SIGNED = re.compile(rf"(?<![\d\w])(?<!\d\s){_MINUS}\s*(?=\.?\d)", re.IGNORECASE)
 _VERB = re.compile(r"\b(?:is|choose|pick|select)\s+\Z", re.IGNORECASE)
 
@@ -168,7 +173,7 @@ def in_digits(text: str, units: Sequence[str], *, commas: bool) -> str:
         rf"(?=[\s-]{{0,2}}(?:{'|'.join(map(re.escape, sorted(units, key=len, reverse=True)))})(?!\w))" if units else ""
     )
     text = _SIGNED.sub("-", text)
-    text = _BEHIND_OPTION.sub(_digits, text)
+    text = _OPENING.sub(_digits, _BEHIND_OPTION.sub(_digits, text))
     if unit:
         text = re.sub(rf"(?<![\w-])(?P<before>)(?P<number>{_WORDED}){unit}", _digits, text, flags=re.IGNORECASE)
         text = re.sub(_COMMA.pattern + unit, r"\1.\2", text, flags=re.IGNORECASE)

@@ -9,7 +9,7 @@ from eyechart.spaces.reader.action_names import ActionNames, fold
 from eyechart.spaces.reader.marks import SIDE, SIGN_APART, is_mark, split_number
 from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
-_STATED_AT_MOST = 100
+_STATED_AT_MOST = 50
 _THOUGHT = re.compile(
     r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
     r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)"
@@ -163,9 +163,11 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     decides. Different statements of one form are no decision, unless words between withdraw one. A
     reply that first says that it sees no picture or cannot help is refused, whatever follows.
     """
+    visible = _GAP.sub(lambda gap: "\n" * min(2, gap[0].count("\n")) or "    ", visible)
     if (bare := names.whole(fold(visible))) is not None:
         return Decision(bare)
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
+    text = _ROBOT.sub(lambda said: f"{said[1]} should {said[2] or said[3]}", text)
     text = names.in_english(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
     words = _find(text, names)
     if words.action is None:
@@ -180,6 +182,14 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     return words
 
 
+_GAP = re.compile(r"\s{5,}")
+"""Blank lines and columns of spaces, which say no more than one blank line or a few spaces do."""
+_ROBOT = re.compile(
+    r"\A(\W*the (?:robot|rover)) (?:(go)es|([a-z]{2,12}?)s)\b(?=[^.,;!?\n]{0,20},? (?:because|since|due to)\b)"
+    r"(?!.*\b(?:then|or|says?)\b)",
+    re.IGNORECASE | re.DOTALL,
+)
+"""What the robot does, with a reason, opens a reply: "The robot stops, since the floor is wet."."""
 _TURNS = re.compile(
     r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*"
     r"(?:(?:that|this|i|we|you|to|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}"
@@ -207,6 +217,8 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
     text = _FENCE.sub(" ", _without_objects(_without_code(text, names)))
     if "{" in text and text.count('"', text.rfind("{")) % 2:
         text = _CUT_OFF.sub(" ", text)
+    if (wholly := _WHOLLY.fullmatch(text)) is not None and (bare := names.whole(wholly[1])) is not None:
+        return Decision(bare)
     folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
     if (marked := _marked(folded, names)) is not None:
         return marked
@@ -215,10 +227,15 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
     return (meant and _in_brackets(meant[1], names)) or read
 
 
+_WHOLLY = re.compile(
+    r"\s*(?:that's an? )?([+-]?[\d.]{1,6}|[A-Z])(?: \((?:free|clear|empty|open) (?:road|lane|path|way|hall)\))?[.!\s]*",
+    re.IGNORECASE,
+)
+"""A mark and nothing else: "That's a 2.", "3 (free road)"."""
 _MEANT = re.compile(
     r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er"
     r"| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
-    r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))[.!\s]*$",
+    r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))(?:,?\s(?:because|since)\b[^.!?\n(]{1,120})?[.!\s]*$",
     re.IGNORECASE,
 )
 """An order with its option in brackets at the end: "Change lane right (2)."."""
@@ -302,12 +319,20 @@ def _is_denied(text: str, statement: _Statement, names: ActionNames) -> bool:
     before = _FENCE.sub("", text[max(0, statement.start - 120) : statement.start])
     left = _END.split(before.rstrip() if before.rstrip().endswith(":") else before)[-1]
     right = _END.split(text[statement.end : statement.end + 80].partition("{")[0])[0]
+    left = _NOT_THERE.sub(" ", left)
     if _NO_STATEMENT.search(_CLAUSE.split(left)[-1]) or _NOT_GIVEN.match(right):
         return True
     around = fold(f"{left} {statement.action} {right}")
     found = _prose(around, names)
     return found.action is None and (found.why == "negated" or _CONDITION.search(around) is not None)
 
+
+_NOT_THERE = re.compile(
+    r"\b(?:obstacles?|objects?|person|people|pedestrians?|cars?|doors?|walls?|hazards?|lead|collision|signs?|blocked)"
+    r"(?:_\w{1,20})?=(?:false|no|none)\b",
+    re.IGNORECASE,
+)
+"""A thing of the picture that is not there, in a row of code: "obstacle=false next=STOP"."""
 
 # JSON
 
