@@ -62,9 +62,9 @@ def test_a_name_that_is_a_float_too_large_to_be_exact_is_refused(tmp_path: Path)
         bank(tmp_path / "table.jsonl")
 
 
-@pytest.mark.parametrize("cell", ["3e8750f331d7499e", "1e5", "12", "1.5e-7"])
+@pytest.mark.parametrize("cell", ["3e8750f331d7499e", "1e5", "12", "1.5e-7", "3.000000000000000000e+00"])
 def test_a_name_with_an_e_in_it_is_a_name(cell: str, tmp_path: Path) -> None:
-    """A hexadecimal token is no rounded number."""
+    """A hexadecimal token is no rounded number, and a number with all its digits, as NumPy writes it, is none."""
     assert bank(made(tmp_path, episode=[cell] * len(GAPS))).frames[0].episode == cell
 
 
@@ -102,6 +102,15 @@ def test_a_near_that_is_farther_than_the_far_is_refused(tmp_path: Path) -> None:
     files = {kind: [f"{kind}-{number}.png" for number in range(len(GAPS))] for kind in ("lead_near", "lead_far")}
     with pytest.raises(SourceError, match="row 1: 'lead_near_m' is 50 and 'lead_far_m' 6, but near is less than far"):
         bank(made(tmp_path, **dict[str, Any](files), lead_near_m=[50] * len(GAPS), lead_far_m=[6] * len(GAPS)))
+
+
+def test_a_cell_with_a_fault_moves_no_near_beside_the_far_of_another_row(tmp_path: Path) -> None:
+    """Only the cell itself is named."""
+    files = {kind: [f"{kind}-{number}.png" for number in range(len(GAPS))] for kind in ("lead_near", "lead_far")}
+    near, far = ["?", 40, 4, 40, 4, 40, 4, 40], [20, 60, 20, 60, 20, 60, 20, 60]
+    with pytest.raises(SourceError, match="row 1: 'lead_near_m' is '\\?'") as caught:
+        bank(made(tmp_path, **dict[str, Any](files), lead_near_m=near, lead_far_m=far))
+    assert "near is less than far" not in str(caught.value)
 
 
 def test_a_picture_of_another_drive_in_place_of_a_moment_of_its_own_is_said(tmp_path: Path) -> None:

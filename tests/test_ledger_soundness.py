@@ -15,7 +15,8 @@ import pytest
 from eyechart.calls import CallKey, Reply
 from eyechart.errors import LedgerError, MissingCallsWarning
 from eyechart.ledger import Ledger
-from eyechart.ledger.schema import SCHEMAS
+from eyechart.ledger.columns import UnsoundError, read_columns
+from eyechart.ledger.schema import SCHEMAS, VERSION
 
 MODEL = "standin:steady"
 KEYS = [CallKey("battery", MODEL, "baseline@0", f"f{number}", "real") for number in range(4)]
@@ -332,3 +333,14 @@ def test_a_ledger_that_was_copied_without_what_lies_beside_it_is_said_to_be(left
         Ledger(tmp_path / "copied" / path.name).__exit__(None, None, None)
     with Ledger(tmp_path / "whole.sqlite") as copy, Ledger(path) as own:
         assert copy.held() == own.held()
+
+
+def test_an_attempt_s_number_that_is_there_twice_is_noticed_without_an_index() -> None:
+    """A score reads no index, and compares none with its table."""
+    with closing(sqlite3.connect(":memory:")) as sql:
+        sql.executescript(SCHEMAS[VERSION].replace("UNIQUE (call, number)", "CHECK (number > 0)"))
+        sql.execute("INSERT INTO calls VALUES (1, 'battery', 'm', 'p', 'f', 'real', 0)")
+        into = "INSERT INTO attempts (id, call, number, request_sha256, sent_at) VALUES (?, 1, 1, '', '')"
+        sql.executemany(into, [(1,), (2,)])
+        with pytest.raises(UnsoundError):
+            read_columns(sql, None, by_frame=True, check=True)

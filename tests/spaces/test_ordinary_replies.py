@@ -155,3 +155,46 @@ def test_a_number_behind_the_name_of_a_pedal_is_one_of_several_only_beside_anoth
 def test_a_question_of_where_to_go_is_answered_by_a_choice(text: str, action: str | None) -> None:
     """One of where something is, is not."""
     assert read("rover", text) == action
+
+
+@pytest.mark.parametrize(
+    ("text", "action"),
+    [
+        ("SLOW. Wait for the car ahead to clear before going STRAIGHT.", "SLOW"),
+        ("STOP; wait until the lane to the LEFT is free.", "STOP"),
+        ("SLOW. Wait, STOP.", "STOP"),
+        ("STOP until the truck pulls out.", "STOP"),
+        ("Left is out, right is out, so STOP.", "STOP"),
+        ("To eliminate the risk of a collision, STOP.", "STOP"),
+        ("Having ruled out LEFT and RIGHT, the best action is SLOW.", "SLOW"),
+        ("I rule out LEFT and SLOW.", None),
+        ("turn_left()", "LEFT"),
+        ("steer(LEFT)", "LEFT"),
+        ("The gap falls below 10 m. I want to go LEFT.", "LEFT"),
+        ("There is a hay bale ahead. I also see a car LEFT.", None),
+        ("Rain falls. A truck is also left.", None),
+        ("The truck ahead makes LEFT impossible.", None),
+        ("Only left turns are allowed.", None),
+        ("LEFT # RIGHT # STOP", None),
+        ("Action: LEFT // RIGHT", None),
+        ("STOP # no, SLOW", "SLOW"),
+        ("The truck will stop for sure.", None),
+        ("STOP for sure.", "STOP"),
+        ("pedestrian.stop()", None),
+        ("Should I call stop()?", None),
+        ("The controller's slow() function lowers the speed.", None),
+        ("One could call stop() or slow().", None),
+    ],
+)
+def test_a_word_of_another_use_makes_no_choice_and_takes_none(text: str, action: str | None) -> None:
+    """What waits, falls, is out or ruled out, is code of others or its comment."""
+    assert read("driving", text) == action
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["A truck, a van and a car: that makes 3.", "The exit number points to 4.", "Slow down for the cars ahead (2)."],
+)
+def test_a_number_that_is_counted_or_pointed_to_is_no_choice(text: str) -> None:
+    """Of cars, and of a sign."""
+    assert read("ids", text) is None

@@ -640,8 +640,10 @@ def _check_distances(kept: BankRows, choices: Choices, truth: Mapping[str, Seque
 
 def _check_ends(kept: BankRows, truth: Mapping[str, Sequence[Scalar]], named: Sequence[str]) -> None:
     """Note as a fault a near distance that is not less than the far one of its row."""
-    ends = zip(named, truth.get("lead_near_m", ()), truth.get("lead_far_m", ()), strict=False)
-    for where, near, far in ends:
+    ends = [truth.get(name, ()) for name in ("lead_near_m", "lead_far_m")]
+    if any(len(one) != len(named) for one in ends):
+        return  # one is not there, or some of its cells have faults
+    for where, near, far in zip(named, *ends, strict=True):
         if isinstance(near, int | float) and isinstance(far, int | float) and near >= far:
             kept.faults.add(
                 f"{where}: 'lead_near_m' is {near:g} and 'lead_far_m' {far:g}, but near is less than far: are the "

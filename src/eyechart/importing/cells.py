@@ -27,8 +27,7 @@ _WHOLE = re.compile(r"[+-]?(0|[1-9]\d*)")
 _EXACT = 2**53
 _COMMA = re.compile(r"[+-]?\d+,\d+")
 """A number with a decimal comma, or with a mark of thousands."""
-_ROUNDED = re.compile(r"[+-]?\d([.,]\d+)?[eE]\+\d+")
-"""A long number as a spreadsheet shows and saves it, without its last digits."""
+_SCIENTIFIC = re.compile(r"[+-]?\d(?:[.,](?P<digits>\d+))?[eE]\+(?P<places>\d{1,3})")
 _NOTHING = re.compile(r"nan|<na>|#?n/a|nat|null")
 """Lower-case words that programs write into empty cells."""
 
@@ -130,9 +129,7 @@ def read_step(cell: Cell, what: str) -> int:
 
 def read_label(cell: Cell, what: str) -> str:
     """Return a cell as a name (3.0 is '3'); raises SourceError if empty, or a rounded number."""
-    if (isinstance(cell, float) and _EXACT <= abs(cell) < math.inf) or (
-        isinstance(cell, str) and _ROUNDED.fullmatch(cell.strip())
-    ):
+    if _is_rounded(cell):
         raise SourceError(
             f"{what} is {_quoted(cell)}, a long number without its last digits, so that different names may be one "
             "here: save the column as text, with all digits"
@@ -143,6 +140,17 @@ def read_label(cell: Cell, what: str) -> str:
     if cell is None or not text or (isinstance(cell, float) and math.isnan(cell)):
         raise SourceError(_lacking(what, "empty"))
     return text
+
+
+def _is_rounded(cell: Cell) -> bool:
+    """Return whether a cell is a long number without its last digits, as a spreadsheet shows and saves it.
+
+    "1.000000000000000000e+00" has all of them, as programs write a small number.
+    """
+    if isinstance(cell, float):
+        return _EXACT <= abs(cell) < math.inf
+    found = _SCIENTIFIC.fullmatch(cell.strip()) if isinstance(cell, str) else None
+    return found is not None and int(found["places"]) > min(len(found["digits"] or ""), sys.float_info.dig)
 
 
 def read_key(cell: Cell, what: str) -> str:

@@ -245,7 +245,12 @@ def _require_links(sql: sqlite3.Connection, made: Attempts) -> None:
     """Raise UnsoundError unless all rows were met, and the attempts at each call count from 1."""
     met = (len(made.call), int(made.came.sum()))
     held = tuple(sql.execute(f"SELECT count(*) FROM {name}").fetchone()[0] for name in ("attempts", "replies"))
-    if met != held or np.any(made.number < 1) or np.any(made.number > np.bincount(made.call, minlength=1)[made.call]):
+    times = np.bincount(made.call, minlength=1)
+    if met != held or np.any(made.number < 1) or np.any(made.number > times[made.call]):
+        raise UnsoundError
+    counted = np.zeros(len(made.call), dtype=np.bool_)
+    counted[(np.cumsum(times) - times)[made.call] + made.number - 1] = True
+    if not counted.all():  # a number is there twice, which only an index would show
         raise UnsoundError
 
 

@@ -92,6 +92,11 @@ _SHARED = (
     "sia am ce vou vado bon turn acho penso credo certa certo von"
 )
 """Words that are also English or a name's: they do not show that a reply is in another language."""
+_DOUBTFUL = frozenset(
+    ["est", "falls", "hay", "los", "jest", "mit", "io", "eu", "je", "agora", "outro", "valor", "mia", "che"]
+)
+"""Words that may be English, which other English words decide: "the gap falls"."""
+_PLAINLY_ENGLISH = frozenset(["the", "is", "are", "and", "of", "at", "this", "it"])
 _OTHERS = "und está são zu auf sind hay dans sur nella della pelo uma é tem"
 _SHOWN = (frozenset(_ENGLISH) - {*_SHARED.split()}) | {*_OTHERS.split()}
 _WORD = re.compile(r"[^\W\d_]+(?:-être)?")
@@ -188,7 +193,11 @@ _SIGNS = tuple((re.compile(pattern), english) for pattern, english in _CJK)
 
 def is_foreign(text: str) -> bool:
     """Return whether a text has words of another language than English."""
-    return not _SHOWN.isdisjoint(_WORD.findall(text.lower())) or _NEAR.search(text) is not None
+    words = frozenset(_WORD.findall(text.lower()))
+    shown = words & _SHOWN
+    if shown - _DOUBTFUL or (shown and words.isdisjoint(_PLAINLY_ENGLISH)):
+        return True
+    return _NEAR.search(text) is not None
 
 
 def in_english(text: str, names: tuple[str, ...]) -> str:

@@ -209,7 +209,6 @@ _THEREFORE = "(?:so|thus|hence|therefore|consequently|accordingly|instead|finall
 _MEANS = _one_of(
     "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leav(?:es|ing)(?: me"
     "| us)?(?: with| only)?"
-    "|points? to|makes"
     "|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for"
     "|(?:gut|instinct) says"
 )
@@ -225,7 +224,7 @@ _CHOSEN_BEFORE = re.compile(
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
             (
-                rf"\b(?:we|it|this|that|i)\s+needs?{_END}|(?:^|[,;.]\s*|\bso\s+)only{_END}|\b(?:what"
+                rf"\b(?:we|it|this|that|i)\s+needs?{_END}|\b(?:what"
                 rf"|all that) (?:remains|is left) is{_END}"
             ),
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
@@ -242,6 +241,7 @@ _CHOSEN_BEFORE = re.compile(
                 rf"\b{_THEREFORE}\b[\s,:\"'(]*(?:(?:it is|it's|i|we|just|now|please|let's|let us|then)\s+)?"
                 rf"(?:{_CHOOSE}|{_DONE})?{_END}"
             ),
+            rf"\b(?:everything|all|this|that|which|evidence) points? to\s*:?\s*(?:{_DONE})?{_END}",
             rf"\b(?:let's|let us|let me)\s+(?:now\s+|just\s+)?{_END}",
             rf"[-=]>{_END}",
             (
@@ -275,7 +275,7 @@ _CHOSEN_AFTER = re.compile(
     r"|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take|go with|recommend)\b"
     r"|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best|the (?:best|safest)))\b"
     r"|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen|selected)(?=[\s.!]*$)"
-    r"|,?\s+i'd say\b|\s+for sure\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
+    r"|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
     r"|\s+(?:remains|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left"
     r"|remains))(?=[\s.,!]*$))"
     r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver"
@@ -314,11 +314,16 @@ _LATER = (
     re.compile(r"[\"')]?\s+(?:later|afterwards|next|once|when|after|as soon as|then)\b"),
 )
 """Words before and after an action that say when it is done."""
-_HESITATES = re.compile(r"[.!?;-]\s*(?:wait|hold on|oops|hmm+|no(?=[,.:!])|actually|correction)\b")
+_HESITATES = re.compile(
+    r"[.!?;-]\s*(?:(?:wait|hold on)(?! (?:for|until|till|to|here|there|behind|while)\b)|oops|hmm+"
+    r"|no(?=[,.:!])|actually|correction)\b"
+)
 _RULED_OUT = re.compile(
     r"\b(?:rul(?:e|es|ed|ing) out|exclud(?:e|es|ed|ing)|eliminat(?:e|es|ed|ing)|dismiss(?:ed|ing)?|discard(?:ed"
-    r"|ing)?)\b"
-    r"(?:(?!\b(?:so|but|leav\w+|leaves|therefore|thus|hence|only|remain\w*|i|we)\b)[^.;!?])*$"
+    r"|ing)?)\b(?!(?: (?:the|any|all|every|this|that|a|further|possible))*"
+    r" (?:risks?|dangers?|hazards?|chances?|collisions?|possibility|uncertainty|conflicts?)\b)"
+    r"(?:(?!\b(?:so|but|leav\w+|leaves|therefore|thus|hence|only|remain\w*|i|we|should"
+    r"|(?:action|choice|answer|decision|option|move|pick) (?:is|would be|should be))\b)[^.;!?])*$"
 )
 """Words that deny each action of the list behind them."""
 _THEN = re.compile(r"(?:\band|,) ?(?:then|followed by)\b[^@.;!?]*$")
@@ -428,7 +433,8 @@ _DENIED_AFTER = re.compile(
     rf"|\s*[:=-]\s*(?:(?:would be|is|it is|it's|looks|seems) )?(?:not(?! (?:the )?@)\b|{_BAD}\b"
     rf"|no(?=[\s.,;|]*$|[.,;|]"
     rf"|\s(?:lane|room|space|need|way)))|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b|rejected\b)"
-    rf"|[^@.;\n]{{0,50}}\b(?:but|except|until|yet|though)\b[^@.;\n]{{0,40}}(?:{_NOT}|\b(?:{_BAD}|overlooks?"
+    rf"|[^@.;\n]{{0,50}}\b(?:but|except|until|yet|though)\b[^@.;\n]{{0,40}}(?:{_NOT}"
+    rf"|\b(?:(?!out\b(?! of)){_BAD}|overlooks?"
     rf"|ignores?)\b)"
     rf"|\s+(?:leads? to (?:an? )?(?:collision|crash|accident)|hits? (?:the|an?)|crash(?:es)?\b|collides?\b)"
     rf"|\s*(?:[:=-]>?|->)\s*(?:an? |the )?(?:collision|crash\w*|accident|danger|hits?)\b"
@@ -631,7 +637,7 @@ _FILLER = re.compile(
 _TAIL = re.compile(
     r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately"
     r"|ahead|it is|it down|here|lane|lane change|turn|for now"
-    r"|and wait|and hold"
+    r"|and wait|and hold|for sure"
     r"|(?:on|to) (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once"
     r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
     r"|obviously|a bit|a little|slightly|sharply"

@@ -209,7 +209,7 @@ def _turns_otherwise(text: str, side: str | None) -> bool:
 
 
 def _find(text: str, names: ActionNames) -> Decision[str]:
-    if (bare := names.whole(fold(text if "\n" in text else _COMMENT.split(text)[0]))) is not None:
+    if (bare := names.whole(fold(text if "\n" in text else _uncommented(text, names)))) is not None:
         return Decision(bare)
     for form in (_objects, _tags, _boxes, _hashes, _votes, _code):
         if stated := list(form(text, names)):
@@ -235,6 +235,8 @@ _WHOLLY = re.compile(
 _MEANT = re.compile(
     r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er"
     r"| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
+    r"(?![^(\n]{0,50}\b(?:cars|trucks|vehicles|vans|people|persons|pedestrians|robots|doors|obstacles|boxes|things"
+    r"|leads)(?: \w+)? \()"
     r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))(?:,?\s(?:because|since)\b[^.!?\n(]{1,120})?[.!\s]*$",
     re.IGNORECASE,
 )
@@ -630,7 +632,11 @@ _DOES = re.compile(
 )
 _MOVES_BY = frozenset(["move", "drive", "go", "run", "print", "turn"])
 """Calls whose number may be a distance or a count, where none has a sign."""
-_NO_CODE = re.compile(r"#|//|!\s?$|\b(?:not|if|elif|def|while|unless|never|assert)\b|n't\b|\?")
+_NO_CODE = re.compile(r"#|//|!\s?$|\b(?:not|or|if|elif|def|while|unless|never|assert)\b|n't\b|\?")
+_STATED_ALONE = re.compile(r"[\s\"'`]*(?:$|\n|#|//|[;.,)}]|(?:here|now|because|since|as)\b)")
+"""What may follow a call of an action; "the slow() function" is no such call."""
+_ORDERS = re.compile(r"(?:^|\.)(?:go|turn|steer|change|drive|move|keep|make|merge)(?=_)", re.IGNORECASE)
+"""How a call begins that may say an action in its other words: "change_lane_left()"."""
 _MANY = ("actions", "options", "choices", "answers", "commands", "bins", "values", "decisions")
 _PEDALS = re.compile(r"throttle|brak(?:e|es|ing)|gas|accel\w*|clutch|gear", re.IGNORECASE)
 _JUST_BEFORE = 80
@@ -657,17 +663,28 @@ def _coded(code: re.Match[str], names: ActionNames) -> tuple[bool, str | None]:
     if code["returned"] is not None:
         return (action := names.whole(fold(code["returned"]).strip(" \"'"))) is not None, action
     called = _HUMP.sub("_", code["name"].rpartition(".")[2])
+    if _OTHERS.search(code["name"].rpartition(".")[0]):
+        return False, names.action(called)
     if not (code["given"] or code["set"]):
-        return (action := names.action(called)) is not None and not is_mark(called), action
+        does = not is_mark(called) and _STATED_ALONE.match(code.string, code.end()) is not None
+        return (action := names.action(called)) is not None and does, action
     key, value = (
         re.sub(r"^(?:apply|send|command)_", "", code["key"] or called),
         fold(code["given"] or code["set"]).strip(" \"'"),
     )
     action = names.whole(value.rpartition(".")[2] if not value[-1:].isdigit() else value)
-    answers = (_KEY.fullmatch(key) or names.quantity.is_key(key) or _DOES.fullmatch(key)) and not _COUNTS.fullmatch(key)
     moved = key in _MOVES_BY and action is not None and split_number(action) is not None
     moved = moved and not any(name.startswith("-") for name in names.actions)
-    return bool(answers) and not key.lower().endswith(_MANY) and action is not None and not moved, action
+    return action is not None and not moved and _is_done_by(key, action, names), action
+
+
+def _is_done_by(key: str, action: str, names: ActionNames) -> bool:
+    """Return whether a key or the name of a call is that of an answer."""
+    if _COUNTS.fullmatch(key) or key.lower().endswith(_MANY):
+        return False
+    if key.lower() == "steer" and not is_mark(action):
+        return True
+    return any((_KEY.fullmatch(key), names.quantity.is_key(key), _DOES.fullmatch(key)))
 
 
 def _without_code(text: str, names: ActionNames) -> str:
@@ -676,6 +693,8 @@ def _without_code(text: str, names: ActionNames) -> str:
     for code in _codes(text):
         does, action = _coded(code, names)
         empty = code["returned"] is None and not (code["given"] or code["set"])
+        if empty and _ORDERS.search(code["name"]):
+            empty = not any(True for _ in names.mentions(code["name"].replace("_", " ")))
         if not does and (action is not None or empty) and "= " not in code.group():
             parts.append(text[done : code.start()])
             done = code.end()
@@ -733,6 +752,12 @@ _ITEMS = re.compile(r"[ \t]*[-+•][^\n]*\w[^\n]*(?:\n[ \t]*[-+•][^\n]*\w[^\n]
 _SAYS = re.compile(r"[^\n]*\w[^\n]*")
 
 
+def _uncommented(line: str, names: ActionNames) -> str:
+    """Return a line without a comment of code; one that names an action is a part of it, as in "LEFT # RIGHT"."""
+    code, *said = _COMMENT.split(line)
+    return line if any(True for one in said for _ in names.mentions(fold(one))) else code
+
+
 def _last(one: re.Pattern[str], text: str) -> list[re.Match[str]]:
     return list(one.finditer(text))[-_MARKERS_AT_MOST:]
 
@@ -742,7 +767,7 @@ def _value(text: str, start: int, names: ActionNames) -> tuple[int, Decision[str
     match = _SAYS.search(text, start)
     if match is None:
         return len(text), unparsed("no_action")
-    value = _COMMENT.split(match.group()[:_LINE_AT_MOST])[0]
+    value = _uncommented(match.group()[:_LINE_AT_MOST], names)
     if (listed := _ITEMS.match(text, match.start())) is not None:
         return listed.end(), _prose(listed.group()[:_LINE_AT_MOST], names)
     if (bare := names.whole(value)) is not None:
