@@ -223,10 +223,7 @@ _CHOSEN_BEFORE = re.compile(
                 rf"|have\s+)?(?:{_CHOOSE}|{_DONE})"
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
-            (
-                rf"\b(?:we|it|this|that|i)\s+needs?{_END}|\b(?:what"
-                rf"|all that) (?:remains|is left) is{_END}"
-            ),
+            rf"\b(?:what|all that) (?:remains|is left) is{_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
                 rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
@@ -269,7 +266,6 @@ _CHOSEN_AFTER = re.compile(
     r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call|speed"
     r"|angle|value|bin)|action|option"
     r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+(?:works|fits) best\b"
-    r"|\s+works(?=[\s.!]*$)"
     r"|\s+(?:recommended|advised|preferred)\b"
     r"|\s+the (?:best|safest|right|correct|most \w+) (?:option|choice|action|answer|one)\b"
     r"|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take|go with|recommend)\b"
@@ -293,7 +289,7 @@ _TAKEN_BACK = re.compile(
     r"|ignore (?:that|this|my)|let me (?:re-?\w+|think|look|see|check|start)|said (?:nobody|no one)"
     r"|(?:this|that|the|my|which) (?:answer |choice |action |decision )?(?:is|was|would be) "
     r"(?:wrong|incorrect|not (?:my|the) (?:answer|choice|action|decision)\b)"
-    r"|(?:or (?:maybe|perhaps|possibly|else)|alternatively)\b[^.]{0,20}@)"
+    r"|(?:or (?:maybe|perhaps|possibly|else)|alternatively)\b[^.]{0,20}@(?! (?:if|when|should|in case)\b))"
     r"|\b(?:not|un|un-)(?: (?:really|entirely|fully|at all|quite))? ?(?:sure|certain)[\s.!)]*$"
 )
 """Words after a choice that withdraw it."""
@@ -737,7 +733,7 @@ def _goes_on(marked: str, last: _PlacedMention, judged: Sequence[_PlacedMention]
     )
     following = next(later, None)
     between = "" if following is None else marked[last.place : following.place]
-    if following is not None and _HESITATES.search(between):
+    if following is not None and following.status != "denied" and _HESITATES.search(between):
         return True
     if following is not None and following.status != "denied" and _is_corrected(marked, last.place, following.place):
         return True
