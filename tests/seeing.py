@@ -187,8 +187,10 @@ def colour(pixels: RGB) -> str:
 
 
 def side(pixels: RGB) -> str:
-    """Return where the dark disc is."""
+    """Return where the dark disc is; of another picture, in which none is, that it sees none."""
     rows, columns = np.nonzero(pixels.sum(axis=2) < 100)
+    if not rows.size:
+        return "NONE"
     down, across = rows.mean() - pixels.shape[0] / 2, columns.mean() - pixels.shape[1] / 2
     if abs(across) > abs(down):
         return "LEFT" if across < 0 else "RIGHT"
