@@ -46,7 +46,7 @@ help:
 	@echo "make lint         ruff and mypy"
 	@echo "make docs         the site, in build/docs"
 	@echo "make wheel        both distributions, in dist, their contents checked, and tried in a fresh environment"
-	@echo "make release      the same, tried in each of PYTHONS ($(PYTHONS))"
+	@echo "make release      the same, tried in each of PYTHONS ($(PYTHONS)), the demo in the first"
 	@echo "make bench        ratios against what one would otherwise do"
 	@echo "make long-compare 0.1.0, installed beside, and this version make the same studies: what differs, by key"
 	@echo "make long-adversaries  adversaries and readers on fresh banks through the real run and in simulated worlds, beside their truth"
