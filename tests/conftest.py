@@ -40,7 +40,8 @@ def encoded_once(save: Save) -> Save:
     kept: BoundedCache[bytes, bytes] = BoundedCache(len, 50_000_000, 20_000)
 
     def save_kept(image: Image.Image, file: IO[bytes], name: str | bytes) -> None:
-        if image.info or image.mode != "RGB":  # what a picture brings besides its pixels is written too
+        plain = all(isinstance(one, bool | int | float | str | bytes) for one in image.encoderinfo.values())
+        if image.info or image.mode != "RGB" or not plain:  # what there is besides pixels is written too
             return save(image, file, name)
 
         def encoded() -> bytes:

@@ -175,6 +175,7 @@ def test_a_question_of_where_to_go_is_answered_by_a_choice(text: str, action: st
         ("Rain falls. A truck is also left.", None),
         ("The truck ahead makes LEFT impossible.", None),
         ("Only left turns are allowed.", None),
+        ("The correct side is right.", None),
         ("LEFT # RIGHT # STOP", None),
         ("Action: LEFT // RIGHT", None),
         ("STOP # no, SLOW", "SLOW"),

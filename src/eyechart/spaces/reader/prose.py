@@ -197,7 +197,7 @@ _DONE = rf"(?:{_GO}{_WAY}|{_HOLD}(?:\s+(?:going|driving|moving|on|it|the lane an
 _VERDICT = _one_of(
     "answer|action|choice|decision|option|move|man(?:o|eu|oeu)?euver|manoeuvre|command|output|response|reply|pick"
     "|recommendation|course|bet|conclusion|solution|result|verdict|call|advice|one word|colou?r"
-    "|(?:best|safest|correct)(?! (?:lane|distance|gap|camera|view|exit|position|row|time)\\b)|assessment"
+    "|(?:best|safest|correct)(?! (?:lane|side|distance|gap|camera|view|exit|position|row|time)\\b)|assessment"
     "|judg\\w+|thing to do|control|guess|(?:correct|best|right|safest|action|option) id"
 )
 _IS = r"(?:\s+(?:is|would be|should be|will be|must be|has to be|remains|seems)\b|'s|\s*[:=]|\s*->)"
