@@ -176,6 +176,8 @@ def test_a_question_of_where_to_go_is_answered_by_a_choice(text: str, action: st
         ("The truck ahead makes LEFT impossible.", None),
         ("Only left turns are allowed.", None),
         ("The correct side is right.", None),
+        ("How fast should I drive? SLOW", "SLOW"),
+        ("brake=1, action=STOP", "STOP"),
         ("LEFT # RIGHT # STOP", None),
         ("Action: LEFT // RIGHT", None),
         ("STOP # no, SLOW", "SLOW"),

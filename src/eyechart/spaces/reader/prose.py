@@ -472,7 +472,8 @@ _ASKED_FOR_BAD = re.compile(
 )
 """A question whose answer is no choice: "Which action is unsafe?"."""
 _ASKED_WHERE = re.compile(
-    r"\bhow (?:many|much|far|fast)\b[^?@]*\?\s*(?:a[.:)]\s*)?$|\b(?:where (?:is|are)|(?:which|what) (?:side|lane"
+    r"\bhow (?:many|much|far|fast)\b(?! should (?:i|we)\b)[^?@]*\?\s*(?:a[.:)]\s*)?$"
+    r"|\b(?:where (?:is|are)|(?:which|what) (?:side|lane"
     r"|direction|way) (?:is|are|does|do|has|have))\b"
     r"(?!\s+(?:(?:the (?=most |clear|free))?(?:most |more |still )?(?:clear(?:er|est)?|free(?:r|st)?|open|room"
     r"|space)\b"

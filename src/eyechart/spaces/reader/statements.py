@@ -654,7 +654,7 @@ def _code(text: str, names: ActionNames) -> Iterator[_Statement]:
     other = any(_PEDALS.fullmatch((code["key"] or code["name"] or "").rpartition(".")[2]) for code, _, _ in found)
     for code, _, action in own:
         line = text[max(0, code.start() - _JUST_BEFORE) : code.start()].rpartition("\n")[2]
-        stands = not other and _NO_CODE.search(line) is None
+        stands = not (other and is_mark(action or "")) and _NO_CODE.search(line) is None
         yield _Statement(code.start(), code.end(), action if stands else None, None if stands else "not_chosen")
 
 
