@@ -25,6 +25,9 @@ DRAWS = 10
 EVER = 0.05
 """The largest share of rejections to accept; for a net effect, its own level if that is larger."""
 
+_DECIDED: dict[str, Decision[str]] = {action: Decision(action) for action in DRIVING.actions}
+_DECIDED[""] = Decision(None, "refused")
+
 Columns = dict[str, list[str]]
 """Answers by condition, one per frame; an empty one is a reply without a decision."""
 
@@ -43,16 +46,14 @@ class Null:
 def has_rejected(null: Null, frames: Sequence[Frame], rng: random.Random) -> bool:
     """Draw answers under a null; return whether its claim is ever settled in random frame order."""
     columns = {**_steady(frames), **null.draw(frames, rng)}
+    decided = {name: [_DECIDED[answer] for answer in column] for name, column in columns.items()}
     one = claims(len(frames), DRIVING, columns, mirrored=True)[null.claim]
     order = list(range(len(frames)))
     rng.shuffle(order)
     for place in order:
         if one.is_settled:
             break
-        given = {name: column[place] for name, column in columns.items()}
-        one.add(
-            FrameAnswers({name: Decision(a) if a else Decision(None, "refused") for name, a in given.items()}, DRIVING)
-        )
+        one.add(FrameAnswers({name: column[place] for name, column in decided.items()}, DRIVING))
     return one.is_settled
 
 
