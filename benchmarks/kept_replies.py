@@ -1,6 +1,7 @@
 """What the reader makes of the replies of numbers, letters and phrases that were kept until its rules were done.
 
-There are two such samples, of other writers and readers: "kept", and "second", whose other half is in the open part.
+There are three such samples, of other writers and readers: "kept", "second", whose other half is in the open part, and
+"third".
 
     make long-marks
     python benchmarks/kept_replies.py [--mended "what was mended since"]
@@ -26,7 +27,7 @@ from eyechart.spaces.reader import READER  # noqa: E402
 from marked_replies import SETS, counted, marked  # noqa: E402 - of the tests, as the corpus is
 
 RESULT = ROOT / "benchmarks" / "results" / "marks.json"
-SAMPLES = ("kept", "second")
+SAMPLES = ("kept", "second", "third")
 
 
 def about() -> dict[str, object]:
