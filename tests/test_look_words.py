@@ -6,14 +6,18 @@ from pathlib import Path
 
 import pytest
 
+import by_hand as hand
 from eyechart.errors import SpecError
 from eyechart.formats import FORMATS, format_of_data_set
 from eyechart.looks.answer import Look, NextStep, pasted
-from eyechart.looks.models import _may_be_blind, _sight
+from eyechart.looks.models import _holes, _may_be_blind, _sight
 from eyechart.looks.pictures import Pictures
 from eyechart.looks.request import LookRequest
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.report.table import coded, number
+from eyechart.stats.order import Order
+from eyechart.stats.paired_tests import Place, Places
+from eyechart.verdicts import judge_one
 
 
 class Verdict:
@@ -32,6 +36,17 @@ def test_a_look_says_that_a_model_sees_only_where_that_was_shown(sees: bool | No
     assert ("none of 14 replies" in _sight(mode)) is (sees is not True)
     assert _may_be_blind(Verdict("No"), mode) is (sees is not True)  # type: ignore[arg-type]
     assert not _may_be_blind(Verdict("Yes"), mode)  # type: ignore[arg-type]
+
+
+def test_what_is_not_excluded_takes_few_lines() -> None:
+    """The places in which a noisy reader may not answer are one line, and a kind of pairs is another."""
+    places = tuple(Place("scenario", name, 12, 6, 3, 0.25, -0.1, 0.6) for name in ("dense", "light", "merge"))
+    pairs = Order(0.05, 20, (0.0, 0.3), lost=1, won=19, contradicted=0)
+    found = hand.moved(place_open=Places(3.0, 7, note="in `dense` (6 of 12)", places=places), order_drawn=pairs)
+    assert [*_holes(judge_one(hand.evidence(found)))] == [
+        "Not excluded: that comparisons of drawn distances come out the wrong way round.",
+        "Not excluded: that its braking does not answer in `dense`, in `light`, in `merge`.",
+    ]
 
 
 def test_python_code_is_pasted_as_it_was() -> None:
