@@ -2,15 +2,19 @@
 
 import ast
 import unicodedata
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import banks
 import by_hand as hand
+from eyechart.conditions import RANGED
 from eyechart.errors import SpecError
 from eyechart.formats import FORMATS, format_of_data_set
+from eyechart.frames import IMPORTED
 from eyechart.looks.answer import Look, NextStep, pasted
-from eyechart.looks.models import _holes, _may_be_blind, _sight
+from eyechart.looks.models import _holes, _may_be_blind, _settled_by, _sight
 from eyechart.looks.pictures import Pictures
 from eyechart.looks.request import LookRequest
 from eyechart.modes import ModeMeasurements, RequestMode
@@ -47,6 +51,21 @@ def test_what_is_not_excluded_takes_few_lines() -> None:
         "Not excluded: that comparisons of drawn distances come out the wrong way round.",
         "Not excluded: that its braking does not answer in `dense`, in `light`, in `merge`.",
     ]
+
+
+def test_what_photographs_lack_is_no_command_of_a_simulator(tmp_path: Path) -> None:
+    """Nothing can be drawn of an imported bank: its pictures have to be taken again, as a built bank's need not."""
+    built = banks.build_bank(tmp_path / "bank")
+    lacking = hand.evidence(hand.older(), absent=RANGED, replies=hand.ASKED, bank="bank")
+    why = judge_one(lacking).why_not
+    assert why is not None
+    assert "'eyechart frames build --add-to bank' draws them" in _settled_by(why, built)
+    imported = replace(built, manifest=replace(built.manifest, simulator=IMPORTED))
+    said = _settled_by(why, imported)
+    assert said.startswith("pictures of each moment again (lead_drawn: the lead anywhere between; exchange_own: ")
+    assert "eyechart" not in said
+    asked = replace(why, conditions=(), first="", settle="about 49 frames")
+    assert _settled_by(asked, imported) == "about 49 frames"
 
 
 def test_python_code_is_pasted_as_it_was() -> None:
