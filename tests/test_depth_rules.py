@@ -436,6 +436,23 @@ def test_a_gate_may_ask_for_a_stricter_bound_of_order(order: Statistic, exit_cod
     assert hold(Run(order=order), ["looks"], order=0.05).exit_code == exit_code
 
 
+def test_a_gate_says_which_comparisons_its_bound_counts() -> None:
+    """A bound that is not met does not read as if it were, a hole is left out by name, and what was not asked is so."""
+    wide, hole, old = (
+        hold(Run(**one), ["looks"], order=0.05).checks[1].because
+        for one in (
+            {"order": _order(0.02, 0.0, 0.09)},
+            A_HOLE,
+            dict.fromkeys(NAMES, not_available("no comparison comes out the same way twice")),
+        )
+    )
+    assert wide == "comparisons in the wrong order 0.020 [0.000, 0.090], has to be below 0.05"
+    assert hole.endswith("; not counted is where its braking hardly answers: in `blocked`: 0 of 36")
+    assert old == (
+        "the share of comparisons in the wrong order is not bounded: the pictures along the range were not asked"
+    )
+
+
 @pytest.mark.parametrize("order", [0.0, -0.1, 1.5])
 def test_a_bound_of_order_is_a_share(order: float) -> None:
     """Anything else is refused."""

@@ -12,6 +12,8 @@ from PIL import Image
 from eyechart.errors import SourceError
 from eyechart.frames import FrameBank
 from eyechart.importing import Choices, costs, import_table
+from eyechart.importing.costs import FEWEST_OF_VALUE, MOST_OF_STRATUM
+from eyechart.studies.battery.depth import FEWEST_OF_PLACE, MOST_OF_COLUMN
 
 GAPS = (5.0, 30.0, 12.5, 41.0, 8.0, 22.0, 61.0, 17.0)
 
@@ -25,7 +27,7 @@ def made(folder: Path, *, shown: Sequence[int] = range(len(GAPS)), bright: int =
     columns = {"gap": GAPS, "episode": [f"e{number // 2}" for number in range(len(GAPS))], **more}
     lines = [",".join(["file", *columns])]
     lines += [
-        ",".join([f"{number}.png", *(f'"{many[number]}"' for many in columns.values())]) for number in range(len(GAPS))
+        ",".join([f"{number}.png", *(f'"{many[number]}"' for many in columns.values())]) for number in range(len(shown))
     ]
     (folder / "table.csv").write_text("\n".join(lines))
     return folder / "table.csv"
@@ -149,6 +151,30 @@ def test_strata_that_look_the_same_are_refused(tmp_path: Path) -> None:
     """They were two groups, of which a claim is asked apart."""
     with pytest.raises(SourceError, match="the stratum 'light' is 'rain ' in some rows and 'rain' in others"):
         bank(made(tmp_path, light=["rain", "rain "] * 4), strata=("light",))
+
+
+def test_a_stratum_that_names_no_place_is_said(tmp_path: Path) -> None:
+    """Of too many values, of one, and of too few frames of a value: a blind spot there would not be named."""
+    long = [str(number) for number in range(13)]
+    shown = [*range(26)]
+    columns = {"tag": long * 2, "town": ["here"] * 26, "light": ["day"] * 20 + ["dusk"] * 6, "road": ["a", "b"] * 13}
+    gaps = {"gap": [5.0 + number for number in shown], "episode": [f"e{number // 2}" for number in shown]}
+    found = costs(bank(made(tmp_path, shown=shown, **gaps, **columns), strata=tuple(columns)))
+    assert [line for line in found if line.startswith("stratum")] == [
+        *(
+            f"stratum '{name}': it has {many}, and a claim is asked apart by 2 to 12: a place where a controller is "
+            "blind is not found by it"
+            for name, many in (("tag", "13 values"), ("town", "1 value"))
+        ),
+        "stratum 'light': dusk: fewer than 8 frames each, so that no claim is asked there apart",
+    ]
+    assert (MOST_OF_STRATUM, FEWEST_OF_VALUE) == (MOST_OF_COLUMN, FEWEST_OF_PLACE)
+
+
+def test_a_stratum_with_the_name_of_the_distances_is_refused(tmp_path: Path) -> None:
+    """A hole in it was taken for a part of the distance, and ended the reading of a run."""
+    with pytest.raises(SourceError, match="strata range: a verdict calls the parts of the distance so; rename"):
+        bank(made(tmp_path, range=["a", "b"] * 4), strata=("range",))
 
 
 def test_pictures_of_class_numbers_are_said(tmp_path: Path) -> None:

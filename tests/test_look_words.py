@@ -2,18 +2,26 @@
 
 import ast
 import unicodedata
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import banks
+import by_hand as hand
+from eyechart.conditions import RANGED
 from eyechart.errors import SpecError
 from eyechart.formats import FORMATS, format_of_data_set
+from eyechart.frames import IMPORTED
 from eyechart.looks.answer import Look, NextStep, pasted
-from eyechart.looks.models import _may_be_blind, _sight
+from eyechart.looks.models import _holes, _may_be_blind, _settled_by, _sight
 from eyechart.looks.pictures import Pictures
 from eyechart.looks.request import LookRequest
 from eyechart.modes import ModeMeasurements, RequestMode
 from eyechart.report.table import coded, number
+from eyechart.stats.order import Order
+from eyechart.stats.paired_tests import Place, Places
+from eyechart.verdicts import judge_one
 
 
 class Verdict:
@@ -32,6 +40,32 @@ def test_a_look_says_that_a_model_sees_only_where_that_was_shown(sees: bool | No
     assert ("none of 14 replies" in _sight(mode)) is (sees is not True)
     assert _may_be_blind(Verdict("No"), mode) is (sees is not True)  # type: ignore[arg-type]
     assert not _may_be_blind(Verdict("Yes"), mode)  # type: ignore[arg-type]
+
+
+def test_what_is_not_excluded_takes_few_lines() -> None:
+    """The places in which a noisy reader may not answer are one line, and a kind of pairs is another."""
+    places = tuple(Place("scenario", name, 12, 6, 3, 0.25, -0.1, 0.6) for name in ("dense", "light", "merge"))
+    pairs = Order(0.05, 20, (0.0, 0.3), lost=1, won=19, contradicted=0)
+    found = hand.moved(place_open=Places(3.0, 7, note="in `dense` (6 of 12)", places=places), order_drawn=pairs)
+    assert [*_holes(judge_one(hand.evidence(found)))] == [
+        "Not excluded: that comparisons of drawn distances come out the wrong way round.",
+        "Not excluded: that its braking does not answer in `dense`, in `light`, in `merge`.",
+    ]
+
+
+def test_what_photographs_lack_is_no_command_of_a_simulator(tmp_path: Path) -> None:
+    """Nothing can be drawn of an imported bank: its pictures have to be taken again, as a built bank's need not."""
+    built = banks.build_bank(tmp_path / "bank")
+    lacking = hand.evidence(hand.older(), absent=RANGED, replies=hand.ASKED, bank="bank")
+    why = judge_one(lacking).why_not
+    assert why is not None
+    assert "'eyechart frames build --add-to bank' draws them" in _settled_by(why, built)
+    imported = replace(built, manifest=replace(built.manifest, simulator=IMPORTED))
+    said = _settled_by(why, imported)
+    assert said.startswith("pictures of each moment again (lead_drawn: the lead anywhere between; exchange_own: ")
+    assert "eyechart" not in said
+    asked = replace(why, conditions=(), first="", settle="about 49 frames")
+    assert _settled_by(asked, imported) == "about 49 frames"
 
 
 def test_python_code_is_pasted_as_it_was() -> None:

@@ -24,7 +24,7 @@ from eyechart.verdicts import (
 )
 from eyechart.verdicts.admission import CLAUSES
 from eyechart.verdicts.admission import hold as hold_clauses
-from eyechart.verdicts.depth import is_refuted
+from eyechart.verdicts.depth import holes, is_drawn, is_refuted, named
 from eyechart.verdicts.labels import LOOKS, UseLabel, meets
 from eyechart.verdicts.policy_verdict import AXES, PolicyVerdict
 from eyechart.verdicts.policy_verdict import REQUIREMENTS as OF_POLICIES
@@ -309,7 +309,7 @@ def hold(score: ScoredRun, require: Sequence[str], **terms: Unpack[Terms]) -> Ga
                 one.model, requirement, *((None, reason) if reason else _made_so(requirement, verdict, one, accepts))
             )
         if most is not None:
-            yield Check(one.model, ORDER, *((None, reason) if reason else _ordered(one.statistics["order"], most)))
+            yield Check(one.model, ORDER, *((None, reason) if reason else _ordered(one.statistics, most)))
 
     return _gate(score, checks, _unparsed, terms)
 
@@ -423,12 +423,16 @@ def _refuted(statistics: Mapping[str, Statistic]) -> tuple[bool, str]:
     return False, f"; but it is not shown that its braking ignores distance (no bound below {MARGIN})"
 
 
-def _ordered(order: Statistic, most: float) -> tuple[bool | None, str]:
+def _ordered(statistics: Mapping[str, Statistic], most: float) -> tuple[bool | None, str]:
     """Return whether the share of comparisons in the wrong order is below the bound, and why."""
+    order = statistics["order"]
     if order.ci is None or order.value is None:
-        return None, f"the share of comparisons in the wrong order is not bounded: {order.note}"
+        why = order.note if is_drawn(statistics) else "the pictures along the range were not asked"
+        return None, f"the share of comparisons in the wrong order is not bounded: {why}"
     low, high = order.ci
-    because = f"comparisons in the wrong order {order.value:.3f} [{low:.3f}, {high:.3f}], below {most:g}"
+    because = f"comparisons in the wrong order {order.value:.3f} [{low:.3f}, {high:.3f}], has to be below {most:g}"
+    if places := holes(statistics):
+        because += f"; not counted is where its braking hardly answers: {named(places)}"
     return True if high < most else False if low > most else None, because
 
 

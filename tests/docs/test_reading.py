@@ -1,16 +1,20 @@
 """The pages on statistics and verdicts name what the code prints, all of it and nothing else."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import banks
+import drawn
 from eyechart.conditions import BATTERY, CONDITIONS, COUNTERFACTUALS, OF_BANKS
 from eyechart.frames import LEAD_GAP
 from eyechart.spaces.discrete import DRIVING
 from eyechart.spaces.space import Decision
 from eyechart.studies.battery.answers import Answers
+from eyechart.studies.battery.depth import EARLIER, KINDS, THIRDS
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 from eyechart.verdicts import LABELS, LATERAL, PAPER_LABELS
@@ -50,6 +54,21 @@ def test_every_statistic_that_is_printed_has_its_paragraph(printed: set[str]) ->
     assert sorted(printed - set(named)) == [], "give these a heading in docs/statistics.md"
     assert sorted(set(named) - printed) == [], "docs/statistics.md explains what is not printed"
     assert len(named) == len(set(named))
+
+
+def test_the_page_names_the_statistics_that_leave_holes_out() -> None:
+    """Those of fewer answers where a scenario is a hole, and no other."""
+    plain = drawn.answered(drawn.grades)
+    rng, far = np.random.default_rng(0), plain.at["far"]
+    plain = replace(plain, before={name: rng.permuted(np.tile(far, (EARLIER, 1))) for name in plain.levels})
+    hole = plain.strata["scenario"] == "blocked"
+    blind = replace(plain, levels={name: np.where(hole, 0.0, level) for name, level in plain.levels.items()})
+    whole, rest = ({name: test().n for name, test in moved.tests().items()} for moved in (plain, blind))
+    sentence = STATISTICS.partition("### `holes`, `place_open`")[2].partition("Then")[2].partition("lies outside.")[0]
+    named = re.findall(r"`(\w+)`", sentence)
+    parts = [f"{name}_{part}" for name, many in (("specificity", THIRDS), ("order", KINDS)) for part in many]
+    fewer = {name for name in whole if rest[name] < whole[name] and not name.startswith("place_")}  # of one place
+    assert sorted(fewer) == sorted([*named, *parts])
 
 
 def test_every_paragraph_says_what_its_statistic_does_not_show() -> None:

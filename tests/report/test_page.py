@@ -21,7 +21,7 @@ from eyechart.errors import LedgerError
 from eyechart.ledger import Ledger
 from eyechart.manifest import LEDGER, write_run
 from eyechart.models import ADAPTERS
-from eyechart.report.page import SIGNS, asset, embedded_json
+from eyechart.report.page import SIGNS, PageSummary, VerdictSummary, asset, embedded_json, page_of
 from eyechart.studies import battery as study
 from eyechart.studies.battery import album
 from eyechart.studies.battery.album import LEFT_OUT, encode_small, make_album
@@ -30,6 +30,7 @@ from eyechart.studies.battery.page import make_page
 from eyechart.studies.battery.subjects import subjects
 from eyechart.studies.battery.summary import opening
 from eyechart.studies.closed_loop.film import RED, TONES
+from eyechart.verdicts import LABELS
 from report_runs import HOSTILE, LONG, Reported, data_of, make_run, read_evidence, report
 
 
@@ -252,6 +253,14 @@ def test_counterfactual_pairs_stand_side_by_side_with_their_decisions(bank: Path
     assert pair.count('<img src="data:image/webp') == 4
     assert re.findall(r'<span class="chip brake">.*?</span>(\w+)</span>', pair) == ["STOP"] * 4
     assert re.search(r"0 of \d+ pairs are braked harder near", made)
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_a_label_has_the_same_sign_at_the_head_of_a_page_as_below(label: str) -> None:
+    """Labels of one colour are told apart by their signs, so that the head may not show that of the colour."""
+    said = VerdictSummary("m", label.replace("_", " "), LABELS[label].family)
+    head = page_of("?", "r", [], answer=PageSummary("So.", [said])).html.decode()
+    assert f'<span class="glyph" aria-hidden="true">{LABELS[label].glyph}</span><span><strong>' in head
 
 
 @pytest.mark.slow

@@ -90,6 +90,8 @@ _MOVED = frozenset({*DISTANCES, *(f"{kind}_m" for kind in reading.PICTURED)})
 """The columns with distances in pictures that moved one thing, in the gap's unit."""
 _NUMBERS = ("gap", "state ", "motion ")
 """The prefixes of the places whose cells are numbers."""
+_RANGE = "range"
+"""What a verdict calls the parts of the distance, beside its strata."""
 UNDESCRIBED = "pictures of a camera"
 """The default description of the pictures."""
 
@@ -537,6 +539,8 @@ def _check_strata(choices: Choices, places: Mapping[str, str], table: SourceTabl
             faults.add(f"--strata {name}: {reading.no_column(name, table.columns, table.name)}")
         elif name in {*places.values(), *choices.prompt_columns} or is_reserved(name):
             faults.add(f"--strata {name}: this column is something else already; name one that is kept as ground truth")
+        elif name == _RANGE:
+            faults.add(f"--strata {name}: a verdict calls the parts of the distance so; rename the column")
 
 
 def _unit(choices: Choices, places: Mapping[str, str]) -> str:

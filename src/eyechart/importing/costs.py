@@ -35,6 +35,8 @@ _PRICES = {
 _LEAST_WAYS = 200
 """The fewest ways to exchange episodes for the distance test's two-sided level of .01."""
 _MANY = 12
+MOST_OF_STRATUM, FEWEST_OF_VALUE = 12, 8
+"""A claim is asked apart by a stratum of up to so many values, in those of at least so many frames."""
 
 
 def taken(bank: FrameBank) -> list[str]:
@@ -127,7 +129,7 @@ def costs(bank: FrameBank) -> list[str]:
         lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
     if "step" in manifest.absent and "episode" not in manifest.absent:
         lines.append("no steps: the rows of an episode count as its steps, in their order")
-    lines += [*doubts(bank), *_counted_twice(bank), *_nearly_one(bank)]
+    lines += [*doubts(bank), *_counted_twice(bank), *_nearly_one(bank), *_not_asked_apart(bank)]
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
     lines += [
@@ -157,6 +159,18 @@ def _moved_in(bank: FrameBank) -> Iterator[str]:
     gap, moved = bank.manifest.gap, sorted({name for one in bank for name in one.placed})
     if gap is not None and moved and unit_named(gap.unit) != "m":
         yield f"{', '.join(moved)}: read in {gap.unit}, like the gap"
+
+
+def _not_asked_apart(bank: FrameBank) -> Iterator[str]:
+    """Yield the strata, and the values of strata, by which no claim is asked apart."""
+    for name in dict.fromkeys(name for frame in bank for name in frame.strata):
+        frames = Counter(str(one) for frame in bank if (one := frame.strata.get(name)) not in {None, ""})
+        if not 1 < len(frames) <= MOST_OF_STRATUM:
+            many = f"{counted(len(frames), 'value')}, and a claim is asked apart by 2 to {MOST_OF_STRATUM}"
+            yield f"stratum '{name}': it has {many}: a place where a controller is blind is not found by it"
+        elif few := [value for value, count in frames.items() if count < FEWEST_OF_VALUE]:
+            has = f"{', '.join(few)}: fewer than {FEWEST_OF_VALUE} frames each"
+            yield f"stratum '{name}': {has}, so that no claim is asked there apart"
 
 
 def _counted_twice(bank: FrameBank) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 
 from eyechart.costs import assumed, estimate
 from eyechart.errors import printable
+from eyechart.frames import IMPORTED, FrameBank
 from eyechart.ledger import Ledger
 from eyechart.limits import RunOutcome, Usage
 from eyechart.looks.answer import Look, NextStep, PictureResult
@@ -28,6 +29,7 @@ from eyechart.studies.battery import Battery, BatterySelection
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.stages import widest
 from eyechart.verdicts import Evidence, Verdict, judge_one
+from eyechart.verdicts.why_not import PHOTOGRAPHED, WhyNot
 
 AT_ONCE = 8
 SHOWN: tuple[Mapping[str, str], ...] = (
@@ -139,12 +141,37 @@ class ModelLook:
             verdict.calibrated.label,
             pictures,
             among,
-            tuple(_steps(wanted, verdict, mode, whole=whole, failing=bool(evidence.reasons().get("error")))),
+            tuple(self._steps(verdict, mode, scored.bank, whole=whole, failing=bool(evidence.reasons().get("error")))),
             wanted.report,
             wanted.run,
             scored.models[wanted.spec].answered,
             "" if verdict.stopped is None else f"{verdict.stopped.words().capitalize()}.",
         )
+
+    def _steps(
+        self, verdict: Verdict, mode: RequestMode, bank: FrameBank, *, whole: bool, failing: bool
+    ) -> Iterator[NextStep]:
+        """Yield the possible next steps."""
+        wanted, run = self.wanted, str(self.wanted.run)
+        if not whole:
+            yield from wanted.continued()
+            return
+        if failed(wanted):
+            yield NextStep("ask the failed calls again", wanted.command(again=True))
+        if verdict.answer == "Yes" and not failing:
+            yield NextStep(
+                "keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks"
+            )
+        elif verdict.answer != "Yes" and verdict.why_not is not None:
+            settle = _settled_by(verdict.why_not, bank)
+            if not settle.startswith("nothing"):
+                yield NextStep(f"to settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
+        if _may_be_blind(verdict, mode):
+            yield NextStep("see whether its pictures reach it", doctor_command(wanted))
+        if verdict.answer == "No":
+            again = wanted.out.with_name(f"{wanted.out.name}-2")
+            yield NextStep("try another prompt", wanted.command(prompt="FILE.toml", out=again))
+        yield NextStep("every statistic, and why no stronger label", f"eyechart verdict {shlex.quote(run)}")
 
 
 def _most(planned: Battery, frames: int) -> int:
@@ -180,7 +207,19 @@ def _holes(verdict: Verdict) -> Iterator[str]:
         each = " in each of these, which may be the same ones" if len(places) > 1 else ""
         where = ", ".join(places)
         yield f"Not {where}: it brakes harder for the nearer lead on {harder} of {frames} frames{each}."
-    yield from (f"Not excluded: {words}." for words in verdict.open_to)
+    yield from (f"Not excluded: {words}." for words in _together(verdict.open_to))
+
+
+def _together(many: Sequence[str]) -> Iterator[str]:
+    """Yield what is not excluded, the places in which braking may not answer in one line."""
+    places = [one.removeprefix(OPEN_PLACE) for one in many if one.startswith(OPEN_PLACE)]
+    yield from (one for one in many if not one.startswith(OPEN_PLACE))
+    if places:
+        yield f"{OPEN_PLACE}{', '.join(places)}"
+
+
+OPEN_PLACE = "that its braking does not answer "
+"""How the words begin on a place in which the effect is neither shown nor bounded."""
 
 
 def _sight(mode: RequestMode) -> str:
@@ -237,30 +276,13 @@ def _pictures(answers: Answers) -> tuple[tuple[PictureResult, ...], str]:
     return tuple(found), among
 
 
-def _steps(
-    wanted: LookRequest, verdict: Verdict, mode: RequestMode, *, whole: bool, failing: bool
-) -> Iterator[NextStep]:
-    """Yield the possible next steps."""
-    run = str(wanted.run)
-    if not whole:
-        yield from wanted.continued()
-        return
-    if failed(wanted):
-        yield NextStep("ask the failed calls again", wanted.command(again=True))
-    if verdict.answer == "Yes" and not failing:
-        yield NextStep(
-            "keep it so in CI: exit 0 as long as it looks", f"eyechart gate {shlex.quote(run)} --require looks"
-        )
-    elif verdict.answer != "Yes" and verdict.why_not is not None:
-        settle = verdict.why_not.first or verdict.why_not.settle
-        if not settle.startswith("nothing"):
-            yield NextStep(f"to settle more: {settle}", f"eyechart plan {shlex.quote(_bank(wanted))}")
-    if _may_be_blind(verdict, mode):
-        yield NextStep("see whether its pictures reach it", doctor_command(wanted))
-    if verdict.answer == "No":
-        again = wanted.out.with_name(f"{wanted.out.name}-2")
-        yield NextStep("try another prompt", wanted.command(prompt="FILE.toml", out=again))
-    yield NextStep("every statistic, and why no stronger label", f"eyechart verdict {shlex.quote(run)}")
+def _settled_by(why: WhyNot, bank: FrameBank) -> str:
+    """Return what would settle a verdict; what an imported bank lacks only photographs can."""
+    lacks = [name for name in why.conditions if not any(name in frame.counterfactuals for frame in bank)]
+    taken = [f"{name}: {PHOTOGRAPHED[name]}" for name in lacks if name in PHOTOGRAPHED]
+    if bank.manifest.simulator != IMPORTED or not taken:
+        return why.first or why.settle
+    return f"pictures of each moment again ({'; '.join(taken)})"
 
 
 def _bank(wanted: LookRequest) -> str:

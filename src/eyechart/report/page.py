@@ -18,7 +18,7 @@ from eyechart import __version__
 from eyechart.destination import whole, write_files
 from eyechart.report.charts import Drawing
 from eyechart.report.table import Table, coded
-from eyechart.verdicts.labels import GLYPHS
+from eyechart.verdicts.labels import GLYPHS, LABELS
 
 _ESCAPES = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
 
@@ -62,6 +62,12 @@ class VerdictSummary:
     def comes_to(self) -> str:
         """Return the answer, or else the tone."""
         return self.answer or self.tone
+
+    @property
+    def glyph(self) -> str:
+        """Return the sign of the label, the same as in the rest of a page; of others that of the tone."""
+        label = LABELS.get(self.label.replace(" ", "_"))
+        return GLYPHS[self.tone] if label is None or label.family != self.tone else label.glyph
 
 
 @dataclass(frozen=True)
