@@ -23,8 +23,10 @@ _GLOSSES = {
     "choisir "
     "prends prendrais prendre opte opterais recommande recommanderais suggère conseille dirais sélectionne "
     "escolher выбрать "
-    "prendo prenderei scegliere kies neem adviseer väljer",
+    "prendo prenderei scegliere kies neem adviseer väljer consigliare suggerire proporre recomendar sugerir proponer",
     "would": "würde zou skulle",
+    "i would": "vorrei quisiera gostaria",
+    "avoid": "evitare evitar éviter vermeiden vermijden",
     "should": "sollte sollten muss soll doit devrait dois devons debe debería deberíamos debemos deve deveria devo "
     "dovrebbe dovremmo moet bör powinien должен",
     "we should": "faut нужно надо",
@@ -110,6 +112,7 @@ _JOINED = (
     ),
     (re.compile(r"\bthink because\b"), "think"),
     (re.compile(r"\bi think should\b"), "i should"),
+    (re.compile(r"\bi would of\b"), "i would"),
     (re.compile(r"\bes\s(?!\s*(?:is|sind|gibt|wird|hat|steht)\b)(?:\s*of\s)?"), "is "),
     (re.compile(rf"\bshould\s+{_MARK}"), "should be "),
     (re.compile(r"\b(choose|would)\s+i\b"), r"i \1"),

@@ -130,8 +130,9 @@ _OR = _one_of(
     "and|or|nor|then|and then|or then|and/or|vs\\.?|versus|oder|und|ou|et|o|u|y|e|i"
     "|или|и|または|か|或|或者|还是|和|또는"
 )
+_BIT = r"here|for now|a (?:little|bit)|\w+ly|(?:on|by|at) the \w+"
 _JOINED = re.compile(
-    rf"(?:\s+down\b)?(?:[\s,/|;&+•>\"'()]"
+    rf"(?:\s+down\b)?(?:\s+(?:{_BIT})\b(?=\s+and\b))?(?:[\s,/|;&+•>\"'()]"
     rf"|->)*(?:[a-e1-9][.)][\s\"'(]*)?(?:{_OR}(?![a-z])[\s\"',.]*(?:\d{{1,2}}[\s(.):]+)?(?:go |turn |move |change "
     rf"|to |the "
     rf"|lanes? ){{0,4}})?"
@@ -176,7 +177,7 @@ _CHOOSE = _one_of(
     "|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?|respond with"
     "|take|prefer"
     "|decided? (?:on|for|to)|settled? (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
-    "|change (?:it|that|my answer) to|do|guess|choose to|press(?:ing)?"
+    "|change (?:it|that|my answer) to|do|guess|choose to|press(?:ing)?|(?:start|begin)(?:ning|ing)? (?:with|at)"
 )
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
@@ -198,7 +199,8 @@ _VERDICT = _one_of(
     "answer|action|choice|decision|option|move|man(?:o|eu|oeu)?euver|manoeuvre|command|output|response|reply|pick"
     "|recommendation|course|bet|conclusion|solution|result|verdict|call|advice|one word|colou?r"
     "|(?:best|safest|correct)(?! (?:lane|side|distance|gap|camera|view|exit|position|row|time)\\b)|assessment"
-    "|judg\\w+|thing to do|control|guess|(?:correct|best|right|safest|action|option) id"
+    "|judg\\w+|thing to do|(?:suitable|appropriate|sensible|reasonable|prudent|logical) one|control"
+    "|guess|(?:correct|best|right|safest|action|option) id"
 )
 _IS = r"(?:\s+(?:is|would be|should be|will be|must be|has to be|remains|seems)\b|'s|\s*[:=]|\s*->)"
 _GOOD = _one_of(
@@ -222,6 +224,10 @@ _CHOSEN_BEFORE = re.compile(
                 rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+"
                 rf"|have\s+)?(?:{_CHOOSE}|{_DONE})"
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
+            ),
+            (
+                rf"(?:{_EGO}{_SHOULD}|{_WILL})\b(?! (?:not|never|avoid))[^@.;:!?]{{1,60}},"
+                rf" (?:which|that|this) (?:is|means|matches|corresponds to){_END}"
             ),
             rf"\b(?:what|all that) (?:remains|is left) is{_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
@@ -261,9 +267,11 @@ _CHOSEN_AFTER = re.compile(
     r"|be)){0,4}\s+(?:best|better"
     r"|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision|pick|vote|left(?=[\s.,!]*$)"
     r"|way to go|enough|sufficient|needed"
-    r"|necessary|required|recommended|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one"
+    r"|necessary|required|recommended|advised|fitting|advisable|preferable|preferred|optimal|ideal"
+    r"|reasonable|warranted|one"
     r"|prudent|wise"
-    r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call|speed"
+    r"|wisest|sensible|justified|viable|suitable|(?:right|logical|obvious|natural) (?:choice|answer"
+    r"|action|option|move|thing|call|speed"
     r"|angle|value|bin)|action|option"
     r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+(?:works|fits) best\b"
     r"|\s+(?:recommended|advised|preferred)\b"
@@ -304,7 +312,10 @@ _CORRECTED = re.compile(
 _FIRST = re.compile(r"@\s+(?:for \S+ \S+|first)\b[^@.;!?\n]*\bthen\b[^@.;!?\n]*$")
 """Words that make a plan of an action and the next one."""
 _IN_ORDER = re.compile(r"(?:^|[.;:,\n]\s*)first[\s,:]+(?:\w+\s+){0,2}[\"'(]*$")
-_NOW = re.compile(r"\bnow[\s,:\"'(]+$"), re.compile(r"[\"')]?,?\s+(?:for |right )?now\b")
+_NOW = (
+    re.compile(r"\b(?:now|(?:start|begin)(?:ing)? (?:with|at))[\s,:\"'(]+$"),
+    re.compile(r"[\"')]?,?\s+(?:(?:for |right )?now|at first|initially)\b"),
+)
 _LATER = (
     re.compile(r"\b(?:then|later|next|afterwards|after that|once|when|until|after)\b"),
     re.compile(r"[\"')]?\s+(?:later|afterwards|next|once|when|after|as soon as|then)\b"),
@@ -353,8 +364,9 @@ _SHALL = (
 )
 _THERE = r"(?:\s+(?:for|in|here|at|to|under|given|that|i|we)\b(?! (?:cars|trucks))[^@.;:!?,]{0,60}?)?"
 _OWN_WILL = r"(?:^|[.;,:]\s*|\bso\s+|\b(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+|\b(?:should|must|let's)\s+)"
+_FROM = r"\s+from\s+(?:[a-z]+\s+){0,2}(?:@|[+-]?[\d.]+)(?:\s?[^\s\d.,;]{1,9})?(?:\s+(?:down|up))?"
 _SET_TO = re.compile(
-    rf"(?:\b{_FITTING}\s+{_QUANTITY}{_THERE}(?:\s+(?:is|therefore|thus|then|would|should|will|be|now|set to|:))+"
+    rf"(?:\b{_FITTING}\s+{_QUANTITY}{_THERE}(?:\s+(?:is|therefore|thus|then|would|should|will|be|now|set to)|:)+"
     rf"|\b{_QUANTITY}\s+{_FITTING}\s+{_SHALL}"
     rf"|(?:(?:the|my|our)\s+|^\s*|[.;,:]\s*)(?:robot's |own )?(?:{_QUANTITY}|wheel){_THERE}\s+(?:should|must|has to"
     rf"|needs to)(?: (?:therefore|thus|then|now))*\s+be(?: (?:therefore|set to|at))*"
@@ -365,8 +377,9 @@ _SET_TO = re.compile(
     rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel"
     rf"|it)\s+(?:to|at)"
     rf"|{_OWN_WILL}(?:steer(?: by| with)?"
-    r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|lower|raise)(?: (?:the|my|our))?"
-    r"(?: speed)?)\s+to))[\s\"'(:]*$"
+    r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|decrease|lower|raise)"
+    rf"(?: (?:the|my|our|it))?(?: {_QUANTITY})?)(?:{_FROM})?\s+to"
+    rf"|(?:drop|go|change|move|switch|cut)(?: (?:the|my|our|it))?(?: {_QUANTITY})?{_FROM}\s+to))[\s\"'(:]*$"
 )
 """Words before a number to which a speed or an angle is set."""
 
@@ -402,8 +415,11 @@ _DENIED_BRACKET = re.compile(
     rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with"
     rf"|for)\s+){{0,3}}[\"']?[(\[][\"']?$"
 )
-_IN_BRACKETS = re.compile(r"[\"']?[)\]:]")
-_DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$")
+_IN_BRACKETS = re.compile(r"[\"']?\s?(?:[)\]:]|\s-\s)")
+_DENIED_LABEL = re.compile(
+    rf"(?:^|[,;(])\s*(?!(?:\w+ )?no(?:\s*:"
+    rf"| (?:\w+ ){{0,2}}need))(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$"
+)
 """A label that denies what follows: "Avoid: LEFT"; but "no need: STRAIGHT" is no such label."""
 
 _SCOPE = re.compile(
@@ -523,7 +539,8 @@ _SPOKEN_OF = re.compile(
 """Another speaker or actor, a later or earlier time, or a mere possibility."""
 
 _QUOTED = re.compile(
-    r"\b(?:reads?|says?|said|states?|stated|asks?|asked|wrote|written|shows?|displays?)\s*[:,]?\s*[\"'][^@\"]*$"
+    r"\b(?:reads?|says|(?<!i )(?<!i'd )(?<!would )say|said|states?|stated|asks?|asked|wrote|written"
+    r"|shows?|displays?)\s*[:,]?\s*[\"'][^@\"]*$"
     r"|\b(?:he|she|they|someone|somebody|anyone|passenger|human|user|instructor|sign|banner|driver)\b[^@.;]{0,30}"
     r"\b(?:says?|said|wants?|thinks?|reads?|answers?|answered|chose|chooses)\b[^@.;]*$"
     r"|\btoo \w+ \($|\b(?:it|this|that|there)(?: is|'s) an?\s*$"
@@ -544,7 +561,7 @@ _ANSWERS = re.compile(
     r"|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet|one word"
     r"|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate|speed up"
     r"|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight"
-    r"|hard|gentle|gently|sharp|policy"
+    r"|hard|gentle|gently|sharp|policy|(?:max|min)imum|lowest|slowest|fastest|top speed"
     r"|(?:action|cmd|command|option|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame"
     r"|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
     r"|antwort|aktion|entscheidung|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision|choix|risposta"
@@ -557,9 +574,11 @@ _ANSWERS = re.compile(
 )
 """Labels of a choice; text after another label, as in "Road shape:", is none."""
 _CLAUSE = re.compile(
-    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|steer|brak\w+|slow\w*"
+    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|need(?:s|ed)?|will|would|can|want"
+    r"|steer|brak\w+|slow\w*"
     r"|near\w*|close"
-    r"|stop(?:s|ped|ping)|reduce|keep|avoid|change|move|turn|proceed|continue|accelerate|speed up|\w+ traffic"
+    r"|stop(?:s|ped|ping)|reduce|(?:keep|stay|hold)(?:ing)?|let's|avoid|change|move|turn|proceed"
+    r"|continue|accelerate|speed up|\w+ traffic"
     r"|clear|ist|sind"
     r"|est|es|está|muss|doit|debe|deve)\b"
     r"|n't\b"
@@ -567,7 +586,7 @@ _CLAUSE = re.compile(
 """A reason before a colon: "the lead is near: STOP"."""
 
 _EXAMPLE = re.compile(
-    r"\b(?:example|for instance|e\.g|such as|(?<!of the )options(?: are)?|choices are)\b[^@]{0,60}$"
+    r"\b(?:example|for instance|e\.g|such as|(?<!of the )options(?: are)?(?!,| +-)|choices are)\b[^@]{0,60}$"
     r"|^\s*an? (?:(?!\b(?:is|are|was|has|have)\b)[^,:])*\b(?:free|taken|ahead|occupied)\s*:\s*$"
 )
 _THING_LABEL = re.compile(
@@ -592,9 +611,10 @@ _IF_OF_SPEECH = re.compile(
     r"\b(?:if (?:i|we) (?:had|have|must|were|was|am|are)(?: forced| asked| required)?(?: to)?(?: \w+){0,5}"
     r"|even if|if you ask me|as if|(?:see|check|checking|determine|decide) if|when in doubt|when asked)\b"
 )
-_IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[.;\n]")
+_IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[;\n]|\.(?!\d)")
 _IF_AFTER = re.compile(
-    r"(?!,?\s+(?:for |right )?now\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|(?<!at )once|when"
+    r"(?!,?\s+(?:(?:for |right )?now|and)\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as"
+    r"|in case|(?<!at )once|when"
     r"|whenever|only if|wenn|falls|si"
     r"|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later|soon|tomorrow|in general"
     r"|generally|usually)\b"
@@ -662,6 +682,12 @@ _DONE_FOR = re.compile(
     r"(?:[.!;]|$|,?\s*\b(?:because|since|as|due|to|for|so|until|while|in order|around)\b|\s-\s|,\s(?:it|the|we|i"
     r"|there)\b)"
 )
+_HELPS = re.compile(
+    r"(?: on (?:the|my) (?:left|right)(?: side)?)?(?: will)? (?:let|allow|help|lead|bring|take|get"
+    r"|give|keep)s? (?=(?:us|me|it|the|to|more)\b)"
+    r"(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|into|fall|hit|crash|collide|too|not|stuck|lost)\b))"
+)
+"""The use of what is done, which is a reason to do it: "Turning left will bring us to the door."."""
 _ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
 _MODAL = re.compile(r"\b(?:would|could|might|may|will|leads?)\b")
 _FINITE = re.compile(
@@ -671,7 +697,7 @@ _FINITE = re.compile(
 """What is done, with no verb of its own: "Turning right to avoid the box would …" is a statement about it."""
 _EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
-_OR_NUMBER = re.compile(r"\s+or\s+[+-]?\d")
+_OR_NUMBER = re.compile(r"\s+or\s+[+-]?\d|[,;]? (?:and )?(?:the )?m(?:ax|in)imum\b")
 _IT_IS = re.compile(r"(?<!for )\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
@@ -689,8 +715,11 @@ class _PlacedMention:
 def takes_back(text: str, action: str, names: ActionNames) -> bool:
     """Return whether a folded text chooses or corrects to another action than was stated before."""
     marked, placed = _mark(text, tuple(_mentions(text, names))[:1])
-    if placed and placed[0].mention.action != action and _is_corrected(marked, 0, placed[0].place):
-        return True
+    if placed and placed[0].mention.action != action:
+        left, right = marked[: placed[0].place], marked[placed[0].place + 1 :][:_RIGHT]
+        waits = _HESITATES.match(f".{left.lstrip()}"[:_JOINT]) and not _is_denied(left[-_LEFT:], right)
+        if waits or _is_corrected(marked, 0, placed[0].place):
+            return True
     return read_prose(text, names).action not in {None, action}
 
 
@@ -862,6 +891,8 @@ def _joins(marked: str, before: int, place: int, end: int) -> bool:
     between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
     if len(between) > _JOINT or not _JOINED.fullmatch(between):
         return False
+    if _NOW[1].match(between) and _LATER[1].match(marked, place + 1):
+        return False
     return between.strip() != "," or not (_CHOSEN_AFTER.match(right) or _DENIED_AFTER.match(right))
 
 
@@ -880,10 +911,18 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
         status = "denied"
     elif _ASKED_WHERE.search(marked, max(0, start - _LEFT), start):
         status = "said"
-    elif not row and "?" not in marked[max(start, end - 3) : end] and not _is_only_said(left, right, group[0].mention):
+    elif not row and not _asks(marked, start, end) and not _is_only_said(left, right, group[0].mention):
         opens = not re.search(r"[\w@]", marked[max(0, start - _LEFT) : start])
         status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT, opens=opens)
     return [replace(mention, status=status) for mention in group]
+
+
+def _asks(marked: str, start: int, end: int) -> bool:
+    """Return whether a sentence is a question, not a choice with a hedge: "LEFT, I guess?"."""
+    return "?" in marked[max(start, end - 3) : end] and not _HEDGE.search(marked, max(start, end - _JOINT), end)
+
+
+_HEDGE = re.compile(r",? i (?:guess|think|suppose|believe)\?[\s\"')]*$")
 
 
 def _is_denied(left: str, right: str) -> bool:
@@ -892,12 +931,7 @@ def _is_denied(left: str, right: str) -> bool:
         blocked = not sign.group().endswith(":") and _BLOCKED.match(inner) is not None
         if blocked or _DENIED_AFTER.match(inner) or _DENIED_BRACKET.search(left):
             return True
-    if (
-        _NEGATED.search(left)
-        or _DENIED_AFTER.match(right)
-        or _HARMS.match(right)
-        or (_DENIED_LABEL.search(left) and not left.rstrip(" :\"'(").endswith("need"))
-    ):
+    if _NEGATED.search(left) or _DENIED_AFTER.match(right) or _HARMS.match(right) or _DENIED_LABEL.search(left):
         return True
     return _DENIED_BEFORE.search(_scope(left)) is not None
 
@@ -933,11 +967,12 @@ def _is_only_said(left: str, right: str, mention: Mention) -> bool:
         or _EXAMPLE.search(left)
         or _THING_LABEL.search(left)
         or _HELD.search(left)
-        or _EITHER.search(left)
+        or (_EITHER.search(left) and not (is_mark(mention.action) and _SET_TO.search(left)))
         or _OR_NUMBER.match(right)
     ):
         return True
-    if _PREDICATE.match(right) and not (_CHOSEN_AFTER.match(right) or _TAKES_IT.match(right)):
+    helps = mention.derived and _HELPS.match(right)
+    if _PREDICATE.match(right) and not (helps or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right)):
         return True
     over = max((match.end() for match in _IF_OVER.finditer(left)), default=0)
     after = _IF_AFTER.match(right)
@@ -948,14 +983,21 @@ def _is_only_said(left: str, right: str, mention: Mention) -> bool:
 
 def _chosen(left: str, right: str, mention: Mention, *, opened: bool, opens: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
-    if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
+    label = None if is_mark(mention.action) and _SET_TO.search(left) else _LABELLED.search(left)
+    if label is not None and not _names_a_choice(label.group(1)):
         return "said"
     several = _SEVERAL.search(mention.written) is not None
     if _is_measured(left, mention):
         return "said"
     if _is_chosen_around(left, right, mention, several=several):
         return "chosen"
-    if mention.derived and several and opens and _DOING.fullmatch(left) and _is_only_done(right):
+    if (
+        mention.derived
+        and several
+        and opens
+        and _DOING.fullmatch(left)
+        and (_HELPS.match(right) or _is_only_done(right))
+    ):
         return "chosen" if _ACTIVE.match(mention.written) else "said"
     status = _stands_alone(left, right, opened=opened, several=several)
     return "said" if mention.derived and not _BARE_FORM.match(right) else status
@@ -1021,7 +1063,7 @@ def _stands_alone(left: str, right: str, *, opened: bool, several: bool) -> Stat
     tail = right if rest is None else right[: rest.start()]
     if _TAIL.fullmatch(tail) or (several and _MEASURED.fullmatch(tail)):
         return "chosen"
-    return "half" if _TAIL.fullmatch(re.split(r"\band\b", tail)[0]) else "said"
+    return "half" if _TAIL.fullmatch(re.split(r"\band\b(?! [a-z\d] )", tail)[0]) else "said"
 
 
 def _in_time(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from eyechart.spaces.failures import lacks_picture
 from eyechart.spaces.reader.action_names import ActionNames, fold
-from eyechart.spaces.reader.marks import SIDE, SIGN_APART, is_mark, split_number
+from eyechart.spaces.reader.marks import SIDE, SIGN_APART, TURN, is_mark, split_number
 from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 50
@@ -100,7 +100,7 @@ _CUT_OFF = re.compile(r"\{[^{}]*\Z")
 _MARKER = re.compile(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
     rf"|step \d)\s+){{0,4}}"
-    rf"(?:{_LABELS}){_CODE}[ \t\"']{{0,4}}(?:[:=>]|->|-(?![\s-]*\.?\d)|\bis\b)+[ \t]*",
+    rf"(?:(?:{_LABELS}){_CODE}|id(?=[ \t]*[:=][^:]*\Z))[ \t\"']{{0,4}}(?:[:=>]|->|-(?![\s-]*\.?\d)|\bis\b)+[ \t]*",
     re.IGNORECASE | re.MULTILINE,
 )
 _HEADING = re.compile(
@@ -169,7 +169,7 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
     text = _ROBOT.sub(lambda said: f"{said[1]} should {said[2] or said[3]}", text)
     text = names.in_english(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
-    words = _find(text, names)
+    words = _find(_by_number(text, names) or text, names)
     if words.action is None:
         return Decision(None, "refused") if refuses(visible) else words
     if _turns_otherwise(text, names.side(words.action)):
@@ -182,6 +182,32 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     return words
 
 
+_ITEM = re.compile(r"^\W{0,6}(?:option )?(\d{1,2}|[a-i])[.):]+ ?([^\n]{1,80})", re.IGNORECASE | re.MULTILINE)
+_BY_NUMBER = re.compile(
+    r"(?:\b(?:option|number) ?[#(]?|(?<=[:=] ))(\d{1,2}|[A-I])\b\)?(?!\.?\d|,? ?(?:or|and|/|,) ?(?:option )?\d)",
+    re.IGNORECASE,
+)
+
+
+def _by_number(text: str, names: ActionNames) -> str | None:
+    """Return what follows a numbered list of long names, with the names for their numbers; None without both."""
+    if any(map(is_mark, names.actions)) or len(items := [*_ITEM.finditer(text)][:_MARKERS_AT_MOST]) < _BOTH:
+        return None
+    named = {item[1].upper(): _first(fold(item[2]), names) for item in items}
+    if len(named) < len(items) or None in named.values():
+        return None
+    rest = text[text.find("\n", items[-1].end()) :] if "\n" in text[items[-1].end() :] else ""
+    said = _BY_NUMBER.sub(lambda one: named.get(one[1].upper()) or one[0], rest)
+    return said if said != rest else None
+
+
+def _first(text: str, names: ActionNames) -> str | None:
+    """Return the action that a text begins with."""
+    one = next(names.mentions(text), None)
+    return None if one is None or re.search(r"\w", text[: one.start]) else one.action
+
+
+_BOTH = 2
 _GAP = re.compile(r"\s{5,}")
 """Blank lines and columns of spaces, which say no more than one blank line or a few spaces do."""
 _ROBOT = re.compile(
@@ -202,9 +228,19 @@ _TURNS = re.compile(
 """An order, or what follows from a number: "So turn right"."""
 
 
+_TURN_TAKEN = re.compile(
+    rf"\b(?:because|since|as) {TURN}{SIDE}(?: turn| by [\w°]+(?: degrees)?)?,? (?:gets|brings|takes|leads|lines|keeps"
+    r"|clears|avoids|passes|aligns|suffices|is (?:needed|enough|required|best|safest))\b"
+    r"(?! [^.,;!?\n]{0,20}\b(?:into|off|dead|collision|crash|away|wall)\b)",
+    re.IGNORECASE,
+)
+"""A turn as the reason of a choice: "since a left turn gets us to the door"."""
+
+
 def _turns_otherwise(text: str, side: str | None) -> bool:
-    """Return whether a reply orders only turns to another side than that of its action."""
-    said = set() if side is None else {match["side"].lower() for match in _TURNS.finditer(text)}
+    """Return whether a reply has only turns to another side than that of its action."""
+    found = () if side is None else (*_TURNS.finditer(text), *_TURN_TAKEN.finditer(text))
+    said = {match["side"].lower() for match in found}
     return len(said) == 1 and said != {side}
 
 
@@ -701,17 +737,25 @@ def _without_code(text: str, names: ActionNames) -> str:
     return " ".join([*parts, text[done:]])
 
 
-_VOTE = re.compile(
-    r"^[^\w\n]{0,8}([^\n:=]{1,80}?)[ \t\"')]{0,3}[:=-][ \t]{0,3}(yes|no)[ \t.!]{0,3}$", re.IGNORECASE | re.MULTILINE
-)
+_VOTE = re.compile(r"[✅✓✔☑❌✗✘✖✕]|[:=-][ \t\"')]{0,3}(?:yes|no)(?=[ \t.!]*$)", re.IGNORECASE)
+_VOTED = re.compile(r"[\s>•|+*]*(?:- )?(.{1,80}?)[\s\"'*]*(?:[:|(=-](?!\d)|$)")
+_NO_VOTE = re.compile(r"\?|\b(?:block|obst|dang|unsafe|risk|occup|hazard|coll|tak|wall|wrong)\w*", re.IGNORECASE)
+"""Words before votes that do not ask for the best action: "Blocked:"."""
 
 
 def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
-    """Yield the one action with a yes, if every action has a line with yes or no."""
-    found = [(names.whole(one.group(1)), one) for one in _VOTE.finditer(fold(text))]
-    voted = [one for action, one in found if action is not None and one.group(2).lower() == "yes"]
-    if {action for action, _ in found} >= set(names.actions) and len(found) == len(names.actions) and len(voted) == 1:
-        yield _Statement(voted[0].start(), found[-1][1].end(), names.whole(voted[0].group(1)))
+    """Yield the one action with a yes or a tick, if every action has a line with a yes, a no, a tick or a cross."""
+    lines = [(line, _VOTE.findall(line[0])) for line in re.finditer(r"[^\n]+", text) if _VOTE.search(line[0])]
+    found = [
+        (None if (said := _VOTED.match(_VOTE.sub("|", fold(line[0])))) is None else names.whole(said[1]), line, votes)
+        for line, votes in lines
+    ]
+    voted = [one for one in found if one[2][0][-1] in "sS✅✓✔☑"]
+    once = len(found) == len(names.actions) and {action for action, _, _ in found} == set(names.actions)
+    if once and len(voted) == 1 and not any("?" in line[0] or len(votes) > 1 for _, line, votes in found):
+        start = found[0][1].start()
+        bad = _NO_VOTE.search(text, text.rfind("\n", 0, max(0, start - 1)) + 1, start)
+        yield _Statement(start, found[-1][1].end(), None if bad else voted[0][0], "not_chosen" if bad else None)
 
 
 def _marked(text: str, names: ActionNames) -> Decision[str] | None:
@@ -729,6 +773,8 @@ def _marked(text: str, names: ActionNames) -> Decision[str] | None:
     label, start, end, last = said[-1]
     if last.action is None:
         return last if last.why == "unknown_action" or len(said) == 1 else unparsed("several_actions")
+    if (anew := _ANEW_STATED.match(text, end)) is not None:
+        return _marked(text[anew.end() :], names)
     before = text[: said[0][1]] + label
     if _takes_back(text[end:], last.action, names) or _commits_otherwise(before, last.action, names):
         return unparsed("several_actions")
@@ -736,6 +782,14 @@ def _marked(text: str, names: ActionNames) -> Decision[str] | None:
     if not _FINAL.search(label) and any(not re.search(r"\w", text[one[2] : start]) for one in differ):
         return unparsed("several_actions")
     return last
+
+
+_ANEW_STATED = re.compile(
+    r"\W*(?:no,? )?(?:wait|hold on|actually|correction|hmm+|oops|on second thought)\b[^\n]{0,200}?[.!,;:]\s+"
+    rf"(?=(?:final )?(?:{_LABELS})[ \t]*:)",
+    re.IGNORECASE,
+)
+"""What comes between a statement and the one that corrects it."""
 
 
 def _is_no_input(label: str, start: int, end: int, text: str) -> bool:
