@@ -116,7 +116,7 @@ _STARTS = re.compile(r"[ \t>#*+-]*\(?")
 _CLOSES = re.compile(r"[.):][ \t]+\S")
 _OPENS_QUOTE, _CLOSES_QUOTE = re.compile(r"(?:\A|[:=\n]|\b(?:choose|pick|is))\s*[\"'] ?\Z"), re.compile(r" ?[\"']")
 _PICKS = re.compile(r"choos(?:e|ing)|pick(?:ing)?|select(?:ing)?|with|use|take|do|say|answer|prefer|recommend|suggest")
-_TO_DO = re.compile(r"\W*to (?!\d|(?:the|an?|my|our|\w)\b)")
+_TO_DO = re.compile(r"\W*to (?!\d|(?:the|an?|my|our|\w|be|describe|mean|mark|name|one|two|three|four|five)\b)")
 _TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
 
 

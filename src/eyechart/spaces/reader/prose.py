@@ -132,7 +132,7 @@ _OR = _one_of(
 )
 _BIT = r"here|for now|a (?:little|bit)|\w+ly|(?:on|by|at) the \w+"
 _JOINED = re.compile(
-    rf"(?:\s+down\b)?(?:\s+(?:{_BIT})\b(?=\s+and\b))?(?:[\s,/|;&+•>\"'()]"
+    rf"(?:\s+down\b)?(?:\s+(?:{_BIT})\b(?=\s+(?:and|or)\b))?(?:[\s,/|;&+•>\"'()]"
     rf"|->)*(?:[a-e1-9][.)][\s\"'(]*)?(?:{_OR}(?![a-z])[\s\"',.]*(?:\d{{1,2}}[\s(.):]+)?(?:go |turn |move |change "
     rf"|to |the "
     rf"|lanes? ){{0,4}})?"
@@ -177,7 +177,7 @@ _CHOOSE = _one_of(
     "|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?|respond with"
     "|take|prefer"
     "|decided? (?:on|for|to)|settled? (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
-    "|change (?:it|that|my answer) to|do|guess|choose to|press(?:ing)?|(?:start|begin)(?:ning|ing)? (?:with|at)"
+    "|change (?:it|that|my answer) to|do|guess|choose to|press(?:ing)?"
 )
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
@@ -226,9 +226,10 @@ _CHOSEN_BEFORE = re.compile(
                 rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
             (
-                rf"(?:{_EGO}{_SHOULD}|{_WILL})\b(?! (?:not|never|avoid))[^@.;:!?]{{1,60}},"
-                rf" (?:which|that|this) (?:is|means|matches|corresponds to){_END}"
+                rf"(?:{_EGO}{_SHOULD}|{_WILL})(?: \w+ly)? {_GO}\b[^@.;:!?]{{1,60}},"
+                rf" which (?:is|means|matches|corresponds to){_END}"
             ),
+            rf"(?:^|[.;:]\s*|'d |\bwould |\bshould )(?:start|begin) (?:with|at){_END}",
             rf"\b(?:what|all that) (?:remains|is left) is{_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
@@ -313,7 +314,7 @@ _FIRST = re.compile(r"@\s+(?:for \S+ \S+|first)\b[^@.;!?\n]*\bthen\b[^@.;!?\n]*$
 """Words that make a plan of an action and the next one."""
 _IN_ORDER = re.compile(r"(?:^|[.;:,\n]\s*)first[\s,:]+(?:\w+\s+){0,2}[\"'(]*$")
 _NOW = (
-    re.compile(r"\b(?:now|(?:start|begin)(?:ing)? (?:with|at))[\s,:\"'(]+$"),
+    re.compile(r"\b(?:now|(?:start|begin) (?:with|at))[\s,:\"'(]+$"),
     re.compile(r"[\"')]?,?\s+(?:(?:for |right )?now|at first|initially)\b"),
 )
 _LATER = (
@@ -683,9 +684,12 @@ _DONE_FOR = re.compile(
     r"|there)\b)"
 )
 _HELPS = re.compile(
-    r"(?: on (?:the|my) (?:left|right)(?: side)?)?(?: will)? (?:let|allow|help|lead|bring|take|get"
-    r"|give|keep)s? (?=(?:us|me|it|the|to|more)\b)"
-    r"(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|into|fall|hit|crash|collide|too|not|stuck|lost)\b))"
+    r"(?: on (?:the|my) (?:left|right)(?: side)?)?(?: will)? (?:(?:let|help)s? (?:(?:us|me|it|the robot|the car|the vehicle)"
+    r" (?:find|reach|pass|avoid|leave|clear|escape|get (?:to|past|around|out))|the \w+ pass)\b"
+    r"|(?:lead|bring|take|get)s? (?:us|me|it|the \w+) (?:closer |straight |back )?(?:to|past|around|out of) (?:the|our) "
+    r"(?:\w+ )?(?:exit|goal|target|destination|door|opening|corridor|hall|office|room|chair|box|obstacle|other side)\b"
+    r"|gives? (?:us|me|it|the \w+) more (?:room|space|time|distance)\b)"
+    r"(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|too|not)\b))"
 )
 """The use of what is done, which is a reason to do it: "Turning left will bring us to the door."."""
 _ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
@@ -714,13 +718,14 @@ class _PlacedMention:
 
 def takes_back(text: str, action: str, names: ActionNames) -> bool:
     """Return whether a folded text chooses or corrects to another action than was stated before."""
+    if (found := read_prose(text, names).action) is not None:
+        return found != action
     marked, placed = _mark(text, tuple(_mentions(text, names))[:1])
-    if placed and placed[0].mention.action != action:
-        left, right = marked[: placed[0].place], marked[placed[0].place + 1 :][:_RIGHT]
-        waits = _HESITATES.match(f".{left.lstrip()}"[:_JOINT]) and not _is_denied(left[-_LEFT:], right)
-        if waits or _is_corrected(marked, 0, placed[0].place):
-            return True
-    return read_prose(text, names).action not in {None, action}
+    if not placed or placed[0].mention.action == action:
+        return False
+    left, right = marked[: placed[0].place], marked[placed[0].place + 1 :][:_RIGHT]
+    waits = _HESITATES.match(f".{left.lstrip()}"[:_JOINT]) and not _is_denied(left[-_LEFT:], right)
+    return bool(waits or _is_corrected(marked, 0, placed[0].place))
 
 
 def read_prose(text: str, names: ActionNames) -> Decision[str]:

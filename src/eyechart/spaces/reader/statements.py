@@ -231,7 +231,7 @@ _TURNS = re.compile(
 _TURN_TAKEN = re.compile(
     rf"\b(?:because|since|as) {TURN}{SIDE}(?: turn| by [\w°]+(?: degrees)?)?,? (?:gets|brings|takes|leads|lines|keeps"
     r"|clears|avoids|passes|aligns|suffices|is (?:needed|enough|required|best|safest))\b"
-    r"(?! [^.,;!?\n]{0,20}\b(?:into|off|dead|collision|crash|away|wall)\b)",
+    r"(?! [^.,;!?\n]{0,20}\b(?:into|off|dead|collision|crash|away|wall|locked|closed|stairs)\b)",
     re.IGNORECASE,
 )
 """A turn as the reason of a choice: "since a left turn gets us to the door"."""
