@@ -41,28 +41,24 @@ _OF_LIST = (
 _CALL_BEFORE, _CALL_AFTER = re.compile(r"\w\(([^()\n]{0,40})\Z"), re.compile(r"[^()\n]{0,40}(?=\))")
 _LETTER = re.compile(rf"(?<![{LETTERS}_.&/+-])(?<!\w')(?P<letter>[^\W\d_])(?![\w&/+#-]|['.]\w|\s?=)")
 _OPTION = (
-    r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?"
-    r"|candidates?|codes?|keys?|cmd"
-    r"|arrows?|bins?|case)"
+    r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
+    r"|cmd|arrows?|bins?|case)"
 )
 _WITH_OPTION = re.compile(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
 _BEFORE = re.compile(
-    r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|"
-    r"press|pressing|push|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|must|i'd|i'll"
-    r"|(?:it|that|answer|choice|pick)'s|that'd"
-    r"|with|for|to|on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
-    r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
-    r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
-    r"believe|think|guess|suppose|mean|steer|steering|final|best|better|safest|correct|because|by|o|u|y|e"
-    r"|obviously|clearly|definitely|certainly|absolutely|surely|probably|likely|preferably|actually|sorry"
-    r"|perhaps|maybe|possibly|alternatively|later|afterwards|leaves|leaving|makes|remains|course"
-    r"|doubt|first|yeah|yep|alright|great|sure|need|needs|requires|demands"
+    r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|press|pressing|push"
+    r"|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|must|i'd|i'll|(?:it|that|answer|choice|pick)'s"
+    r"|that'd|with|for|to|on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
+    r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|suggest|advise|propose"
+    r"|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|believe|think|guess|suppose|mean|steer"
+    r"|steering|final|best|better|safest|correct|because|by|o|u|y|e|obviously|clearly|definitely|certainly|absolutely"
+    r"|surely|probably|likely|preferably|actually|sorry|perhaps|maybe|possibly|alternatively|later|afterwards|leaves"
+    r"|leaving|makes|remains|course|doubt|first|yeah|yep|alright|great|sure|need|needs|requires|demands"
 )
 _SET = re.compile(
     r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|hold|maintain|an?"
-    r"|(?:keep|hold|set|put|leave|be)(?:\s+(?:the|my|our))?(?:\s+(?:it|speed|velocity|angle|wheel"
-    r"|steering(?: wheel| angle)?))?\s+at"
-    r"|(?:keep going|keep driving|start|begin|drive|go|move|proceed|continue|travel|cruise|steering"
+    r"|(?:keep|hold|set|put|leave|be)(?:\s+(?:the|my|our))?(?:\s+(?:it|speed|velocity|angle|wheel|steering(?: wheel"
+    r"| angle)?))?\s+at|(?:keep going|keep driving|start|begin|drive|go|move|proceed|continue|travel|cruise|steering"
     r"|driving)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )

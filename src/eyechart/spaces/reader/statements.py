@@ -11,10 +11,9 @@ from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, ref
 
 _STATED_AT_MOST = 50
 _THOUGHT = re.compile(
-    r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
-    r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)"
-    r"|function_(?:response|results?))>.*?(?:</\1>|\Z)"
-    r"|<\|channel\|>(?:analysis|commentary)\b.*?(?:<\|end\|>|(?=<\|channel\|>final)|\Z)"
+    r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)|<(reasoning|thought|thoughts"
+    r"|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)|function_(?:response"
+    r"|results?))>.*?(?:</\1>|\Z)|<\|channel\|>(?:analysis|commentary)\b.*?(?:<\|end\|>|(?=<\|channel\|>final)|\Z)"
     r"|\Aanalysis(?=[A-Z]).*?(?:assistantfinal|\Z)",
     re.DOTALL | re.IGNORECASE,
 )
@@ -36,17 +35,14 @@ _CIRC = re.compile(r"\s?\^\s?\{?\s?\\circ\b\s?\}?")
 _LABELS = (
     r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
     r"|move|direction|control|letter"
-    r"|aktion|antwort|entscheidung|acción|respuesta|réponse|décision|azione|risposta|ação|resposta|decisión"
 )
 _OWN = (
     r"(?:(?:the|my|your|ego|self|own|final|next|first|best|better|chosen|selected|recommended|suggested|proposed"
-    r"|preferred"
-    r"|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new|primary"
-    r"|main|top"
-    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|speed"
-    r"|velocity|lateral"
-    r"|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action|answer|decision|tool|step"
-    r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
+    r"|preferred|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new"
+    r"|primary|main|top|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering"
+    r"|speed|velocity|lateral|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action"
+    r"|answer|decision|tool|step|task|output|response|predicted|executed|taken|single|one|word|short"
+    r"|\d{1,3})[ _.-]{0,2}){0,4}"
 )
 """Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
@@ -55,9 +51,8 @@ _KEY = re.compile(_KEY_OF_ANSWER, re.IGNORECASE)
 _COUNTS = re.compile(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
 """A key whose number counts something."""
 _ONLY_KEY = re.compile(
-    r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
-    r"|class|value|text"
-    r"|content|message|final|name|shape|colou?r|side|count|number",
+    r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category|class|value"
+    r"|text|content|message|final|name|shape|colou?r|side|count|number",
     re.IGNORECASE,
 )
 """A key that is the answer if it is the only one."""
@@ -75,8 +70,7 @@ _FAULT = re.compile(
 )
 _ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
 _FINE = re.compile(
-    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted"
-    r"|executed)",
+    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
     re.IGNORECASE,
 )
 _UNLESS = re.compile(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
@@ -84,15 +78,12 @@ _CASE = re.compile(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
 """A condition under which an action holds, and its words."""
 _OTHERS = re.compile(
     r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate"
-    r"|consider|avoid|reject|previous"
-    r"|last|history|past"
-    r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
-    r"|wrong|expert"
-    r"|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?"
-    r"|motorcycles?|animals?|actors|agents|neighbou?rs?|oncoming|adjacent|surround\w+)(?:$|[\W_\d])"
-    r"|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command|choice)s?\Z)(?:obstacles?|objects?"
-    r"|detect\w+|hazards?|traffic"
-    r"|lights?|signs?|signals?|arrows?|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
+    r"|consider|avoid|reject|previous|last|history|past|fallback|forbidden|not_|invalid|available|possible|allowed"
+    r"|schema|properties|question|prompt|input$|second|wrong|expert|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles"
+    r"|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?|motorcycles?|animals?|actors|agents|neighbou?rs?"
+    r"|oncoming|adjacent|surround\w+)(?:$|[\W_\d])|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command"
+    r"|choice)s?\Z)(?:obstacles?|objects?|detect\w+|hazards?|traffic|lights?|signs?|signals?|arrows?|lanes|roads?"
+    r"|curves?|bends?)(?:$|[\W_\d])",
     re.IGNORECASE,
 )
 """Keys whose objects are about others, or are no choice."""
@@ -109,11 +100,9 @@ _HEADING = re.compile(
 )
 _FINAL = re.compile(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
 _NOTHING_SEEN = re.compile(
-    r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view"
-    r"|access|process|assist"
-    r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
-    r"|photos?|frames?|that|this"
-    r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
+    r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view|access"
+    r"|process|assist|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
+    r"|photos?|frames?|that|this|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
     rf"|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
@@ -217,11 +206,10 @@ _ROBOT = re.compile(
 )
 """What the robot does, with a reason, opens a reply: "The robot stops, since the floor is wet."."""
 _TURNS = re.compile(
-    r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*"
-    r"(?:(?:that|this|i|we|you|to|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}"
-    r"(?:turn|steer|go|bear|swing|veer|change|move)s?\s+"
-    r"(?:(?:the|car|robot|vehicle|wheel|us|lanes?|to|by|a|bit|little|hard|slightly|gently|sharply|\d+ ?(?:°"
-    r"|degrees))\s+){0,4}"
+    r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*(?:(?:that|this|i|we|you|to"
+    r"|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}(?:turn|steer|go|bear|swing|veer"
+    r"|change|move)s?\s+(?:(?:the|car|robot|vehicle|wheel|us|lanes?|to|by|a|bit|little|hard|slightly|gently|sharply"
+    r"|\d+ ?(?:°|degrees))\s+){0,4}"
     rf"{SIDE}",
     re.IGNORECASE,
 )
@@ -255,7 +243,7 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
         text = _CUT_OFF.sub(" ", text)
     if (wholly := _WHOLLY.fullmatch(text)) is not None and (bare := names.whole(wholly[1])) is not None:
         return Decision(bare)
-    folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
+    folded = _ANEW_STATED.sub(r"\n\1\n", fold(_TAG.sub(lambda tag: _kept(tag, names), text)))
     if (marked := _marked(folded, names)) is not None:
         return marked
     read = _prose(folded, names)
@@ -269,10 +257,9 @@ _WHOLLY = re.compile(
 )
 """A mark and nothing else: "That's a 2.", "3 (free road)"."""
 _MEANT = re.compile(
-    r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er"
-    r"| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
-    r"(?![^(\n]{0,50}\b(?:cars|trucks|vehicles|vans|people|persons|pedestrians|robots|doors|obstacles|boxes|things"
-    r"|leads)(?: \w+)? \()"
+    r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er| down)"
+    r"|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b(?![^(\n]{0,50}\b(?:cars|trucks|vehicles|vans|people"
+    r"|persons|pedestrians|robots|doors|obstacles|boxes|things|leads)(?: \w+)? \()"
     r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))(?:,?\s(?:because|since)\b[^.!?\n(]{1,120})?[.!\s]*$",
     re.IGNORECASE,
 )
@@ -449,11 +436,10 @@ _HOLDS = re.compile(
 )
 """Keys whose objects are about the action."""
 _MOVES = re.compile(
-    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn"
-    r"|turning|steer|heading"
-    r"|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route|recommendations?"
-    r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content"
-    r"|message)",
+    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn|turning"
+    r"|steer|heading|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route"
+    r"|recommendations?|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json"
+    r"|value|content|message)",
     re.IGNORECASE,
 )
 """Keys whose objects are about the own motion or self, or that only wrap another object."""
@@ -659,11 +645,9 @@ _CODED = re.compile(
 """A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
 _CALLS = re.compile(r"\w\(")
 _DOES = re.compile(
-    r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output"
-    r"|next|best"
-    r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r|ans)(?:_(?:action|option|choice|command|cmd|id|bin"
-    r"|letter|move))?"
-    r"|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
+    r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next"
+    r"|best|final|chosen|selected|sel|out|cmd|policy|behaviou?r|ans)(?:_(?:action|option|choice|command|cmd|id|bin"
+    r"|letter|move))?|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
     re.IGNORECASE,
 )
 _MOVES_BY = frozenset(["move", "drive", "go", "run", "print", "turn"])
@@ -773,8 +757,6 @@ def _marked(text: str, names: ActionNames) -> Decision[str] | None:
     label, start, end, last = said[-1]
     if last.action is None:
         return last if last.why == "unknown_action" or len(said) == 1 else unparsed("several_actions")
-    if (anew := _ANEW_STATED.match(text, end)) is not None:
-        return _marked(text[anew.end() :], names)
     before = text[: said[0][1]] + label
     if _takes_back(text[end:], last.action, names) or _commits_otherwise(before, last.action, names):
         return unparsed("several_actions")
@@ -785,11 +767,11 @@ def _marked(text: str, names: ActionNames) -> Decision[str] | None:
 
 
 _ANEW_STATED = re.compile(
-    r"\W*(?:no,? )?(?:wait|hold on|actually|correction|hmm+|oops|on second thought)\b[^\n]{0,200}?[.!,;:]\s+"
-    rf"(?=(?:final )?(?:{_LABELS})[ \t]*:)",
+    r"((?:^|[.!;\n])\W{0,4}(?:no,? )?(?:wait|hold on|actually|correction|hmm+|oops)\b[^\n]{0,200}?[.!,;:]) "
+    rf"(?=(?:final )?(?:{_LABELS}) ?:)",
     re.IGNORECASE,
 )
-"""What comes between a statement and the one that corrects it."""
+"""What comes before a statement that corrects an earlier one."""
 
 
 def _is_no_input(label: str, start: int, end: int, text: str) -> bool:
