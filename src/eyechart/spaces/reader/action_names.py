@@ -189,8 +189,9 @@ _OWN = r"(?:the|your|my|an?|its|our|their|this|that|some)"
 _WHICH = r"(?:current|own|same|present)"
 _KIND = r"(?:(?:right|left)(?:-hand)?|open|closed|near(?:est|by|er)?|next|first|second|same|other|front|main|white)"
 """Words before the noun of a name: "keep the current lane", and of one with "the": "follow the left wall"."""
+_WITHIN = rf"(?:(?:in|within|along|through)[\s_-]+(?:{_OWN}[\s_-]+)?(?!back|left|right)|right[\s_-]+(?=here\b))"
 _SMALL_WORDS = re.compile(
-    rf"(?<=[\s_-])(?:(?:to|on|onto|into|towards?|in|by)[\s_-]+(?={_OWN}[\s_-]))?(?:{_OWN}|to)[\s_-]+"
+    rf"(?<=[\s_-])(?:{_WITHIN}|(?:(?:to|on|onto|into|towards?|in|by)[\s_-]+(?={_OWN}[\s_-]))?(?:{_OWN}|to)[\s_-]+)"
     rf"(?:(?:{_WHICH}|{_KIND}(?=[\s_-]))[\s_-]+)?"
     r"|(?<=[\s_-])(?:onto|into|towards?)[\s_-]+|(?<=[\s_-]lane)s(?=[\s_-])",
     re.IGNORECASE,
@@ -240,7 +241,7 @@ def _loose(names: ActionNames) -> dict[str, str]:
     return {form: actions.pop() for form, actions in found.items() if len(actions) == 1}
 
 
-_BETWEEN = rf"(?:[\s-]{{1,3}}(?:(?:(?:to|on|onto|into|towards?)\s)?(?:{_OWN}\s)?(?:{_WHICH}\s)?)|)"
+_BETWEEN = rf"(?:[\s-]{{1,3}}(?:{_WITHIN}|(?:(?:to|on|onto|into|towards?)\s)?(?:{_OWN}\s)?(?:{_WHICH}\s)?)|)"
 
 
 def _words_pattern(written: str) -> str:

@@ -20,11 +20,12 @@ _GLOSSES = {
     "optaria scelgo sceglierei consiglio consiglierei raccomando suggerisco seleziono selezionerei direi opterei "
     "wybieram polecam выбираю выберу рекомендую предлагаю обираю",
     "choose": "wähle nehme empfehle entscheide schlage elegir escoger tomar tomo choisis choisirais choisirai "
-    "choisir "
-    "prends prendrais prendre opte opterais recommande recommanderais suggère conseille dirais sélectionne "
+    "choisir prends prendrais prendre opte opterais recommande recommanderais suggère conseille dirais sélectionne "
     "escolher выбрать "
-    "prendo prenderei scegliere kies neem adviseer väljer",
+    "prendo prenderei scegliere kies neem adviseer väljer consigliare suggerire proporre recomendar sugerir proponer",
     "would": "würde zou skulle",
+    "i would": "vorrei quisiera gostaria",
+    "avoid": "evitare evitar éviter vermeiden vermijden",
     "should": "sollte sollten muss soll doit devrait dois devons debe debería deberíamos debemos deve deveria devo "
     "dovrebbe dovremmo moet bör powinien должен",
     "we should": "faut нужно надо",
@@ -55,8 +56,7 @@ _GLOSSES = {
     "of": "de von du di del do da des",
     "best": "mejor meilleur meilleure beste besten bester bestes melhor migliore лучшее лучший najlepsza",
     "correct": "correcta correcto correcte richtige richtiger richtigen correta correto corretta corretto bonne "
-    "bon juiste richtig certa certo giusta giusto "
-    "правильный правильное",
+    "bon juiste richtig certa certo giusta giusto правильный правильное",
     "better": "besser mieux plutôt meglio lieber eher",
     "appropriate": "adecuado adecuada apropiado apropiada approprié appropriée adequado adequada adeguato adeguata "
     "angemessene passende geeignete óptimo óptima optimale idéale ottimale",
@@ -86,8 +86,7 @@ _ENGLISH = {word: english for english, words in _GLOSSES.items() for word in wor
 _SHARED = (
     "den die un uno um la le les el il lo un una das also da car decision robot non nie se si mi ma mon min per "
     "por pour pas opto "
-    "giro volante volant want propose do du of at com met et poi ou ser dem recommande direction as or no se "
-    "mais mas "
+    "giro volante volant want propose do du of at com met et poi ou ser dem recommande direction as or no se mais mas "
     "ya de di del des que yo me suggestion conseille puis dus son moet maar eher inte svar wart con alors ja é "
     "sia am ce vou vado bon turn acho penso credo certa certo von"
 )
@@ -110,6 +109,7 @@ _JOINED = (
     ),
     (re.compile(r"\bthink because\b"), "think"),
     (re.compile(r"\bi think should\b"), "i should"),
+    (re.compile(r"\bi would of\b"), "i would"),
     (re.compile(r"\bes\s(?!\s*(?:is|sind|gibt|wird|hat|steht)\b)(?:\s*of\s)?"), "is "),
     (re.compile(rf"\bshould\s+{_MARK}"), "should be "),
     (re.compile(r"\b(choose|would)\s+i\b"), r"i \1"),
@@ -146,16 +146,14 @@ _CJK = (
     (r"(?:べき)?ですか|ますか|吗|습니까|까요", " ? "),
     (
         (
-            r"を(?:選択|選び|選ぶ|実行|採用|推奨|取り|とり)(?:し?(?:ます|た|する|て)(?:ください)?|いたします)?"
-            r"|(?:을|를)\s?선택\S{0,6}|にします|とします"
+            r"を(?:選択|選び|選ぶ|実行|採用|推奨|取り|とり)(?:し?(?:ます|た|する|て)(?:ください)?|いたします)?|(?:을|를)\s?선택\S{0,6}|にします|とします"
         ),
         " is my choice ",
     ),
     (
         (
-            r"[がは](?:最も|一番)?(?:最適|適切|最善|最良|正解|良い|よい|いい)(?:です|だ|でしょう)?(?:と(?:思い|考え)ます)?"
-            r"|(?:是)?最(?:合适|适合|好|佳|安全|优)(?=[的。,.，\s]|$)(?:的(?:选择|选项)?)?"
-            r"|(?:이|가)\s?(?:가장\s?)?(?:적절|적합|최선|안전|좋)\S{0,4}"
+            r"[がは](?:最も|一番)?(?:最適|適切|最善|最良|正解|良い|よい|いい)(?:です|だ|でしょう)?(?:と(?:思い|考え)ます)?|(?:是)?最(?:合适|适合|好|佳|安全"
+            r"|优)(?=[的。,.，\s]|$)(?:的(?:选择|选项)?)?|(?:이|가)\s?(?:가장\s?)?(?:적절|적합|최선|안전|좋)\S{0,4}"
         ),
         " is best ",
     ),

@@ -12,7 +12,8 @@ LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
 """Letters of scripts with spaces between words; next to another script, a name stands alone."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
 _HEAD = re.compile(
-    r"(?:[\s\"'(\[{*`_.,;:]|<(?=[^<>]*>)|!(?=.*!))*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
+    r"(?:[\s\"'(\[{*`_.,;:]|<(?=[^<>]*>)"
+    r"|!(?=.*!))*?(?P<sign>[+-]?)(?P<apart>(?<=[+-])\s)?\s?(?P<digits>\d+(?:\.\d+)?|\.\d+)(?P<rest>.*)",
     re.DOTALL,
 )
 _NAMED = re.compile(rf"(?P<number>{_NUMBER})(?P<unit>(?:\s?[^\W\d_].*|\s?[°%])?)", re.DOTALL)
@@ -38,43 +39,43 @@ _OF_LIST = (
     re.compile(rf"\s?,\s?(?:{_NUMBER}\s?,\s?){{0,9}}{_NUMBER}\s?[\])}}]"),
 )
 _CALL_BEFORE, _CALL_AFTER = re.compile(r"\w\(([^()\n]{0,40})\Z"), re.compile(r"[^()\n]{0,40}(?=\))")
-_LETTER = re.compile(rf"(?<![{LETTERS}_.&'/+-])(?P<letter>[^\W\d_])(?![\w&/+'#-]|\.\w|\s?=)")
+_LETTER = re.compile(rf"(?<![{LETTERS}_.&/+-])(?<!\w')(?P<letter>[^\W\d_])(?![\w&/+#-]|['.]\w|\s?=)")
 _OPTION = (
-    r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?|cmd"
-    r"|arrows?|bins?|case)"
+    r"(?:options?|choices?|actions?|answers?|numbers?|letters?|ids?|no\.|nr\.|index|commands?|candidates?|codes?|keys?"
+    r"|cmd|arrows?|bins?|case)"
 )
 _WITH_OPTION = re.compile(rf"\b(?:{_OPTION}[\s_-]*)+(?:#|\(|\[|\"|'|is\s|:\s?)?\s*$|#+\s?$", re.IGNORECASE)
 _BEFORE = re.compile(
-    r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|"
-    r"press|pressing|push|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|must|i'd|i'll|it's|that's|that'd"
-    r"|with|for|to|on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
-    r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|"
-    r"suggest|advise|propose|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|"
-    r"believe|think|guess|suppose|mean|steer|steering|final|best|better|safest|correct|because|by|o|u|y|e"
-    r"|obviously|clearly|definitely|certainly|absolutely|surely|probably|likely|preferably|actually|sorry"
-    r"|perhaps|maybe|possibly|alternatively|later|afterwards|leaves|leaving|makes|remains|course|doubt|first|yeah|yep|alright|great|sure|need|needs|requires|demands"
+    r"so|thus|hence|therefore|then|now|please|just|simply|finally|ultimately|instead|rather|and|press|pressing|push"
+    r"|hit|tap|or|nor|not|than|but|is|be|are|was|would|should|will|must|i'd|i'll|(?:it|that|answer|choice|pick)'s"
+    r"|that'd|with|for|to|on|choose|choosing|chose|chosen|pick|picking|picked|select|selecting|selected|say|go|going|"
+    r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|suggest|advise|propose"
+    r"|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|believe|think|guess|suppose|mean|steer"
+    r"|steering|final|best|better|safest|correct|because|by|o|u|y|e|obviously|clearly|definitely|certainly|absolutely"
+    r"|surely|probably|likely|preferably|actually|sorry|perhaps|maybe|possibly|alternatively|later|afterwards|leaves"
+    r"|leaving|makes|remains|course|doubt|first|yeah|yep|alright|great|sure|need|needs|requires|demands"
 )
 _SET = re.compile(
-    r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|maintain"
-    r"|(?:keep|hold|set|put|leave|be)(?:\s+(?:the|my|our))?(?:\s+(?:it|speed|velocity|angle|wheel"
-    r"|steering(?: wheel| angle)?))?\s+at"
-    r"|(?:keep going|keep driving|drive|go|move|proceed|continue|travel|cruise|steering|driving)\s+(?:\w+\s+)?at)\s+$",
+    r"\b(?:(?:turn|steer|rotate)(?:\s+the\s+(?:steering\s+)?wheel)?(?:\s+(?:by|to|with))?|keep|hold|maintain|an?"
+    r"|(?:keep|hold|set|put|leave|be)(?:\s+(?:the|my|our))?(?:\s+(?:it|speed|velocity|angle|wheel|steering(?: wheel"
+    r"| angle)?))?\s+at|(?:keep going|keep driving|start|begin|drive|go|move|proceed|continue|travel|cruise|steering"
+    r"|driving)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
 """Words that may also precede a number with its unit or sign; "turning by" describes an act."""
 _WITH_QUANTITY = re.compile(
-    r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value)\s(?:value\s)?of\s$", re.IGNORECASE
+    r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value|bin)\s(?:value\s)?of\s$", re.IGNORECASE
 )
-_TURN = (
+TURN = (
     r"(?:(?:i\.e\.|that is|an?|to|the|towards?|turn(?:ing)?|steer(?:ing)?|go|bear|swing|chang(?:e|ing)|switch(?:ing)?"
     r"|mov(?:e|ing)|lanes?|by|hard|full|fully|sharp|sharply|slight|slightly|gentle|gently|soft|softly|strong|strongly"
-    r"|medium|bit|little|\d+(?:°| degrees))\s+){0,4}"
+    r"|small|medium|bit|little|\d+(?:°| degrees))\s+){0,4}"
 )
 SIDE = (
     r"(?P<side>left|right)\b(?!\s+(?:lane|side|of|wall|car|edge|is|are|was|would|and|or|hand|one|now|away|here|there"
     r"|ahead|behind|next|before|after|in|at|blocked|occupied|closed|taken|free|has|leads)\b|-)"
 )
-_SIDE_AFTER = re.compile(rf"[\s.,:;()=-]{{0,6}}{_TURN}{SIDE}", re.IGNORECASE)
+_SIDE_AFTER = re.compile(rf"[\s.,:;()=\"'-]{{0,7}}{TURN}{SIDE}", re.IGNORECASE)
 _APART = re.compile(r"(?:^|\n|[^\w)\s])[ \t]*[+-]\s+\Z")
 """A dash before a space: it may be the number's sign or a list's."""
 _SIDE_BEFORE = re.compile(
@@ -110,6 +111,8 @@ _CONCLUDES = re.compile(
 _STARTS = re.compile(r"[ \t>#*+-]*\(?")
 _CLOSES = re.compile(r"[.):][ \t]+\S")
 _OPENS_QUOTE, _CLOSES_QUOTE = re.compile(r"(?:\A|[:=\n]|\b(?:choose|pick|is))\s*[\"'] ?\Z"), re.compile(r" ?[\"']")
+_PICKS = re.compile(r"choos(?:e|ing)|pick(?:ing)?|select(?:ing)?|with|use|take|do|say|answer|prefer|recommend|suggest")
+_TO_DO = re.compile(r"\W*to (?!\d|(?:the|an?|my|our|\w|be|describe|mean|mark|name|one|two|three|four|five)\b)")
 _TO_NUMBER = re.compile(r"\s*(?:to|of|out of|in|at|by)\s+\d")
 
 
@@ -321,7 +324,11 @@ def _is_option(
         return False
     after = _WORD_AFTER.match(right)
     if after is not None and not (_AFTER.fullmatch(after[1].lower()) or (letter and _DOES.fullmatch(after[1].lower()))):
-        return (united or named or measured) and after[1].lower() == "to" and not _TO_NUMBER.match(right)
+        if after[1].lower() != "to":
+            return False
+        if united or named or measured:
+            return not _TO_NUMBER.match(right)
+        return before is not None and bool(_PICKS.fullmatch(before[1].lower()) and _TO_DO.match(right))
     if _TO_NUMBER.match(right):
         return False
     return not _numbers_a_line(text, start, end)

@@ -127,14 +127,13 @@ _IDIOM_BEFORE = {
 # Lists and sentences.
 
 _OR = _one_of(
-    "and|or|nor|then|and then|or then|and/or|vs\\.?|versus|oder|und|ou|et|o|u|y|e|i"
-    "|или|и|または|か|或|或者|还是|和|또는"
+    "and|or|nor|then|and then|or then|and/or|vs\\.?|versus|ou|et|o|u|y|e|i|или|и|または|か|或|或者|还是|和|또는"
 )
+_BIT = r"here|for now|a (?:little|bit)|\w+ly|(?:on|by|at) the \w+"
 _JOINED = re.compile(
-    rf"(?:\s+down\b)?(?:[\s,/|;&+•>\"'()]"
-    rf"|->)*(?:[a-e1-9][.)][\s\"'(]*)?(?:{_OR}(?![a-z])[\s\"',.]*(?:\d{{1,2}}[\s(.):]+)?(?:go |turn |move |change "
-    rf"|to |the "
-    rf"|lanes? ){{0,4}})?"
+    rf"(?:\s+down\b)?(?:\s+(?:{_BIT})\b(?=\s+(?:and|or)\b))?(?:[\s,/|;&+•>\"'()]"
+    rf"|->)*(?:[a-e1-9][.)][\s\"'(]*)?(?:{_OR}(?![a-z])[\s\"',.]*(?:\d{{1,2}}[\s(.):]+)?(?:go |turn |move |change |to "
+    rf"|the |lanes? ){{0,4}})?"
 )
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
 _BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}[.):]|[a-i](?:[):]|\.(?=\s))))?[ \t>#]*")
@@ -171,26 +170,22 @@ _WILL = (
     r"|(?:\s*'ve|\s+have)?\s+(?:decided?|chosen|opted) to|(?:\s*'m|\s*'re|\s+am|\s+are)(?:\s+going to)?)"
 )
 _CHOOSE = _one_of(
-    "lean(?:ing)? towards?|choose|choosing|chose|chosen|pick(?:ing)?|select(?:ing)?|say|go(?:ing)? with"
-    "|go(?:ing)? for|opt(?:ing)? for"
-    "|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?|respond with"
-    "|take|prefer"
-    "|decided? (?:on|for|to)|settled? (?:on|for)|output|execute|perform|apply|use|stick with|initiate"
-    "|change (?:it|that|my answer) to|do|guess|choose to|press(?:ing)?"
+    "lean(?:ing)? towards?|choose|choosing|chose|chosen|pick(?:ing)?|select(?:ing)?|say|go(?:ing)? with|go(?:ing)? for"
+    "|opt(?:ing)? for|recommend(?: to)?|suggest|advise|propose|vote(?: for)?|answer(?: with)?|reply(?: with)?"
+    "|respond with|take|prefer|decided? (?:on|for|to)|settled? (?:on|for)|output|execute|perform|apply|use|stick with"
+    "|initiate|change (?:it|that|my answer) to|do|guess|choose to|press(?:ing)?"
 )
 _GO = _one_of(
     "go|going|turn(?:ing)?|mov(?:e|ing)|chang(?:e|ing)|switch(?:ing)?|shift(?:ing)?|merg(?:e|ing)|steer(?:ing)?"
     "|swerv(?:e|ing)|veer(?:ing)?|pull(?:ing)?|head(?:ing)?|com(?:e|ing)|bring(?:ing)?|mak(?:e|ing)|tak(?:e|ing)"
-    "|rotat(?:e|ing)|travel(?:ing)?"
-    "|alter(?:ing)?(?: course)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)|proceed(?:ing)?|continu(?:e|ing)|bear"
-    "|swing|lane change"
-    "|perform a lane change|keep going|keep driving|keep moving|continue going"
+    "|rotat(?:e|ing)|travel(?:ing)?|alter(?:ing)?(?: course)?|overtak(?:e|ing)|pass(?:ing)?|driv(?:e|ing)"
+    "|proceed(?:ing)?|continu(?:e|ing)|bear|swing|lane change|perform a lane change|keep going|keep driving"
+    "|keep moving|continue going"
 )
 _WAY = (
     r"(?:[\s,]+(?:to|into|onto|on|over|in|towards?|from|the|a|an|my|its|our|your|lanes?|side|course|line|vehicle|car"
-    r"|truck|wheel|it|them|slow|slower|further|full|complete|hard|slightly|gently|immediately|and|up|down"
-    r"|back|out|safely"
-    r"|carefully|going|driving|moving|turn|of|that|at|is|above|below|forward|then|by|change)\b){0,9}"
+    r"|truck|wheel|it|them|slow|slower|further|full|complete|hard|slightly|gently|immediately|and|up|down|back|out"
+    r"|safely|carefully|going|driving|moving|turn|of|that|at|is|above|below|forward|then|by|change)\b){0,9}"
 )
 _HOLD = "(?:keep|keeping|stay|staying|remain|remaining|hold|holding|maintain|maintaining)"
 _DONE = rf"(?:{_GO}{_WAY}|{_HOLD}(?:\s+(?:going|driving|moving|on|it|the lane and|lane and go))?)"
@@ -198,7 +193,8 @@ _VERDICT = _one_of(
     "answer|action|choice|decision|option|move|man(?:o|eu|oeu)?euver|manoeuvre|command|output|response|reply|pick"
     "|recommendation|course|bet|conclusion|solution|result|verdict|call|advice|one word|colou?r"
     "|(?:best|safest|correct)(?! (?:lane|side|distance|gap|camera|view|exit|position|row|time)\\b)|assessment"
-    "|judg\\w+|thing to do|control|guess|(?:correct|best|right|safest|action|option) id"
+    "|judg\\w+|thing to do|(?:suitable|appropriate|sensible|reasonable|prudent|logical) one|control"
+    "|guess|(?:correct|best|right|safest|action|option) id"
 )
 _IS = r"(?:\s+(?:is|would be|should be|will be|must be|has to be|remains|seems)\b|'s|\s*[:=]|\s*->)"
 _GOOD = _one_of(
@@ -207,9 +203,8 @@ _GOOD = _one_of(
 )
 _THEREFORE = "(?:so|thus|hence|therefore|consequently|accordingly|instead|finally|ultimately|overall)"
 _MEANS = _one_of(
-    "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leav(?:es|ing)(?: me"
-    "| us)?(?: with| only)?"
-    "|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for"
+    "calls? for|requires?|suggests?|implies|means|warrants?|demands?|necessitates?|leav(?:es|ing)(?: me| us)?(?: with"
+    "| only)?|indicates?|recommends?|recommended|suggested|choosing|selecting|selected|chosen|picking|opting for"
     "|(?:gut|instinct) says"
 )
 _END = r"[\s\"'(,:]*$"
@@ -219,10 +214,14 @@ _CHOSEN_BEFORE = re.compile(
             rf"{_EGO}{_SHOULD}(?:\s+{_ADVERB}){{0,3}}\s+(?:(?:{_CHOOSE}\s+)?{_DONE}|{_CHOOSE})?{_END}",
             rf"{_WILL}(?:\s+{_ADVERB}){{0,3}}(?:\s+{_CHOOSE})?(?:\s+(?:to\s+)?{_DONE})?{_END}",
             (
-                rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+"
-                rf"|have\s+)?(?:{_CHOOSE}|{_DONE})"
-                rf"(?:\s+to)?(?:\s+{_DONE})?{_END}"
+                rf"\b(?:i|we|let's|let us|let me)\s+(?:\w+ly\s+|would\s+|now\s+|therefore\s+|have\s+)?(?:{_CHOOSE}"
+                rf"|{_DONE})(?:\s+to)?(?:\s+{_DONE})?{_END}"
             ),
+            (
+                rf"(?:{_EGO}{_SHOULD}|{_WILL})(?: \w+ly)? {_GO}\b[^@.;:!?]{{1,60}},"
+                rf" which (?:is|means|matches|corresponds to){_END}"
+            ),
+            rf"(?:^|[.;:]\s*|'d |\bwould |\bshould )(?:start|begin) (?:with|at){_END}",
             rf"\b(?:what|all that) (?:remains|is left) is{_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
@@ -231,8 +230,7 @@ _CHOSEN_BEFORE = re.compile(
             ),
             (
                 rf"\b{_GOOD}\b(?:\s+(?:thing|option|idea|choice))?(?:\s+(?:is|would be))?"
-                rf"(?:\s+for\s+(?:\w+\s+){{0,3}}?)?"
-                rf"\s+to\s+(?:{_DONE})?{_END}"
+                rf"(?:\s+for\s+(?:\w+\s+){{0,3}}?)?\s+to\s+(?:{_DONE})?{_END}"
             ),
             (
                 rf"\b{_THEREFORE}\b[\s,:\"'(]*(?:(?:it is|it's|i|we|just|now|please|let's|let us|then)\s+)?"
@@ -242,9 +240,8 @@ _CHOSEN_BEFORE = re.compile(
             rf"\b(?:let's|let us|let me)\s+(?:now\s+|just\s+)?{_END}",
             rf"[-=]>{_END}",
             (
-                rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately"
-                rf"|safely|first"
-                rf"|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+(?:to|an))?{_END}"
+                rf"(?:^|[,;:(]|\band|\bbut|\bso|\bthen)\s*(?:(?:please|just|simply|then|so|now|immediately|safely"
+                rf"|first|also|instead|better|obviously)\s+)*(?:{_CHOOSE}|{_DONE}|lane change)(?:\s+(?:to|an))?{_END}"
             ),
             rf"(?:^|[,;:]|\bit\b)\s*(?:it|that)?(?:'s|'d be| is| would be| has to be| must be)(?:\s+the)?{_END}",
             rf"\b{_MEANS}\s*:?\s*(?:{_DONE})?{_END}",
@@ -255,56 +252,49 @@ _CHOSEN_BEFORE = re.compile(
 # Words after it.
 
 _CHOSEN_AFTER = re.compile(
-    r"\"?(?:\s+(?:down|lane(?: change)?|turn))?\"?(?:\s+(?:is|'s|seems|looks|appears|would be|remains"
-    r"|will be|would)(?:\s+(?:to be|like"
-    r"|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more|only|much|by far"
-    r"|be)){0,4}\s+(?:best|better"
-    r"|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision|pick|vote|left(?=[\s.,!]*$)"
-    r"|way to go|enough|sufficient|needed"
-    r"|necessary|required|recommended|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one"
-    r"|prudent|wise"
-    r"|wisest|sensible|justified|viable|suitable|right (?:choice|answer|action|option|move|thing|call|speed"
-    r"|angle|value|bin)|action|option"
-    r"|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b|\s+(?:works|fits) best\b"
-    r"|\s+(?:recommended|advised|preferred)\b"
-    r"|\s+the (?:best|safest|right|correct|most \w+) (?:option|choice|action|answer|one)\b"
-    r"|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take|go with|recommend)\b"
-    r"|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best|the (?:best|safest)))\b"
-    r"|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen|selected)(?=[\s.!]*$)"
-    r"|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
-    r"|\s+(?:remains|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left"
-    r"|remains))(?=[\s.,!]*$))"
-    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver"
-    r"|manoeuvre|one|thing|bet|of|course"
-    r"|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
-    r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due"
-    r"|at|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while"
-    r"|than|then|over|i|for(?= (?:now|me|us|this|the|our|my|it|safety|\w+ing)\b)|by|from|on|under|though|although"
-    r"|even|without|not|rather|instead"
+    r"\"?(?:\s+(?:down|lane(?: change)?|turn))?\"?(?:\s+(?:is|'s|seems|looks|appears|would be|remains|will be"
+    r"|would)(?:\s+(?:to be|like|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more|only|much"
+    r"|by far|be)){0,4}\s+(?:best|better|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision"
+    r"|pick|vote|left(?=[\s.,!]*$)|way to go|enough|sufficient|needed|necessary|required|recommended|advised|fitting"
+    r"|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one|prudent|wise|wisest|sensible|justified"
+    r"|viable|suitable|(?:right|logical|obvious|natural) (?:choice|answer|action|option|move|thing|call|speed|angle"
+    r"|value|bin)|action|option|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b"
+    r"|\s+(?:works|fits) best\b|\s+(?:recommended|advised|preferred)\b|\s+the (?:best|safest|right|correct"
+    r"|most \w+) (?:option|choice|action|answer|one)\b|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take"
+    r"|go with|recommend)\b|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best"
+    r"|the (?:best|safest)))\b|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen"
+    r"|selected)(?=[\s.!]*$)|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b|\s+(?:remains"
+    r"|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
+    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver|manoeuvre"
+    r"|one|thing|bet|of|course|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
+    r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due|at"
+    r"|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while|than|then|over|i|for(?= (?:now"
+    r"|me|us|this|the|our|my|it|safety|\w+ing)\b)|by|from|on|under|though|although|even|without|not|rather|instead"
     r"|especially|today|before|after|once|only)\b))"
     rf"(?!\s+for (?:the|an?|that) (?:{_OTHER}|truck|bus|van|car|driver|vehicle)\b)"
 )
 _TAKEN_BACK = re.compile(
     r"\b(?:just kidding|joking|scratch that|never mind|nevermind|different question|disregard (?:that|this)"
-    r"|ignore (?:that|this|my)|let me (?:re-?\w+|think|look|see|check|start)|said (?:nobody|no one)"
-    r"|(?:this|that|the|my|which) (?:answer |choice |action |decision )?(?:is|was|would be) "
-    r"(?:wrong|incorrect|not (?:my|the) (?:answer|choice|action|decision)\b)"
-    r"|(?:or (?:maybe|perhaps|possibly|else)|alternatively)\b[^.]{0,20}@(?! (?:if|when|should|in case)\b))"
-    r"|\b(?:not|un|un-)(?: (?:really|entirely|fully|at all|quite))? ?(?:sure|certain)[\s.!)]*$"
+    r"|ignore (?:that|this|my)|let me (?:re-?\w+|think|look|see|check|start)|said (?:nobody|no one)|(?:this|that|the"
+    r"|my|which) (?:answer |choice |action |decision )?(?:is|was|would be) (?:wrong|incorrect|not (?:my|the) (?:answer"
+    r"|choice|action|decision)\b)|(?:or (?:maybe|perhaps|possibly|else)|alternatively)\b[^.]{0,20}@(?! (?:if|when"
+    r"|should|in case)\b))|\b(?:not|un|un-)(?: (?:really|entirely|fully|at all|quite))? ?(?:sure|certain)[\s.!)]*$"
 )
 """Words after a choice that withdraw it."""
 _CORRECTED = re.compile(
-    r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean|namely"
-    r"|(?:i |i've )?meant|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)"
-    r"|new (?:answer|action|choice)|second (?:answer|thoughts?|look)"
-    r"|reconsidered|after review|my bad|or rather)\b[\s:,.\"'(-]{0,8}$"
-    r"|[-.;]\s*or\s+$|\bi\.e\.[\s:,(\"']{1,4}$|(?:^@?\s*|[(;,.}]\s*)should (?:be|have been|read)\s+$"
+    r"\b(?:edit(?:ed)?|updated?|amend\w*|revis\w+|erratum|corrected|typo|p\.?s|oops|i mean|namely|(?:i |i've )?meant"
+    r"|make (?:that|it)|changed? (?:to|it to)|replaced? (?:by|with)|new (?:answer|action|choice)|second (?:answer"
+    r"|thoughts?|look)|reconsidered|after review|my bad|or rather)\b[\s:,.\"'(-]{0,8}$|[-.;]\s*or\s+$"
+    r"|\bi\.e\.[\s:,(\"']{1,4}$|(?:^@?\s*|[(;,.}]\s*)should (?:be|have been|read)\s+$"
 )
 """Words directly before an action that replaces the previous one."""
 _FIRST = re.compile(r"@\s+(?:for \S+ \S+|first)\b[^@.;!?\n]*\bthen\b[^@.;!?\n]*$")
 """Words that make a plan of an action and the next one."""
 _IN_ORDER = re.compile(r"(?:^|[.;:,\n]\s*)first[\s,:]+(?:\w+\s+){0,2}[\"'(]*$")
-_NOW = re.compile(r"\bnow[\s,:\"'(]+$"), re.compile(r"[\"')]?,?\s+(?:for |right )?now\b")
+_NOW = (
+    re.compile(r"\b(?:now|(?:start|begin) (?:with|at))[\s,:\"'(]+$"),
+    re.compile(r"[\"')]?,?\s+(?:(?:for |right )?now|at first|initially)\b"),
+)
 _LATER = (
     re.compile(r"\b(?:then|later|next|afterwards|after that|once|when|until|after)\b"),
     re.compile(r"[\"')]?\s+(?:later|afterwards|next|once|when|after|as soon as|then)\b"),
@@ -330,12 +320,10 @@ _PREDICATE = re.compile(
 """Predicates of an action or of a side of its name; without the words above it is no choice."""
 
 _TAKES_IT = re.compile(
-    r"\"?\s+(?:is|looks|seems|remains|has|fits|works|keeps|avoids|gives|leaves)\b[^@.;:?!\n]{0,60}?,?\s+(?:so"
-    r"|and|hence|thus"
-    r"|therefore)\s+(?:that|it|this)?\s*(?:is my (?:answer|choice|decision|pick)"
-    r"|(?:i|we)(?:'ll|'d| will| would| shall)?\s+(?:go (?:with|for)|choose|pick|take|select|opt for) (?:it|that|this)"
-    r"(?: one| option)?)(?=\s*(?:[^\w\s]|$))"
-    r"|\"?\s+is right(?=[\s\"']*(?:[.!,;]|$|because\b|since\b))"
+    r"\"?\s+(?:is|looks|seems|remains|has|fits|works|keeps|avoids|gives|leaves)\b[^@.;:?!\n]{0,60}?,?\s+(?:so|and"
+    r"|hence|thus|therefore)\s+(?:that|it|this)?\s*(?:is my (?:answer|choice|decision|pick)|(?:i|we)(?:'ll|'d| will"
+    r"| would| shall)?\s+(?:go (?:with|for)|choose|pick|take|select|opt for) (?:it|that|this)(?: one"
+    r"| option)?)(?=\s*(?:[^\w\s]|$))|\"?\s+is right(?=[\s\"']*(?:[.!,;]|$|because\b|since\b))"
 )
 """A statement about an action that is then taken: "D is free, so I go with it"."""
 _QUANTITY = (
@@ -344,29 +332,27 @@ _QUANTITY = (
 )
 _FITTING = (
     r"(?:chosen|selected|target|desired|recommended|suggested|proposed|appropriate|suitable|sensible|reasonable"
-    r"|adequate"
-    r"|required|necessary|needed|right|correct|proper|best|better|optimal|ideal|safest|safe|final|new)"
+    r"|adequate|required|necessary|needed|right|correct|proper|best|better|optimal|ideal|safest|safe|final|new)"
 )
 _SHALL = (
-    r"(?:is|would be|should be|will be|must be|has to be|needs to be)(?: (?:therefore|thus|then|hence|now|set to"
-    r"|at))*"
+    r"(?:is|would be|should be|will be|must be|has to be|needs to be)(?: (?:therefore|thus|then|hence|now|set to|at))*"
 )
 _THERE = r"(?:\s+(?:for|in|here|at|to|under|given|that|i|we)\b(?! (?:cars|trucks))[^@.;:!?,]{0,60}?)?"
 _OWN_WILL = r"(?:^|[.;,:]\s*|\bso\s+|\b(?:i|we)(?:'ll|'d|\s+will|\s+would|\s+should)?\s+|\b(?:should|must|let's)\s+)"
+_FROM = r"\s+from\s+(?:[a-z]+\s+){0,2}(?:@|[+-]?[\d.]+)(?:\s?[^\s\d.,;]{1,9})?(?:\s+(?:down|up))?"
 _SET_TO = re.compile(
-    rf"(?:\b{_FITTING}\s+{_QUANTITY}{_THERE}(?:\s+(?:is|therefore|thus|then|would|should|will|be|now|set to|:))+"
-    rf"|\b{_QUANTITY}\s+{_FITTING}\s+{_SHALL}"
-    rf"|(?:(?:the|my|our)\s+|^\s*|[.;,:]\s*)(?:robot's |own )?(?:{_QUANTITY}|wheel){_THERE}\s+(?:should|must|has to"
-    rf"|needs to)(?: (?:therefore|thus|then|now))*\s+be(?: (?:therefore|set to|at))*"
-    rf"|(?<!current )(?<!previous )(?<!last )(?:steering|bin) (?:value|command|bin|choice)\s+(?:is|would be)"
+    rf"(?:\b{_FITTING}\s+{_QUANTITY}{_THERE}(?:\s+(?:is|therefore|thus|then|would|should|will|be|now|set to)|:)+"
+    rf"|\b{_QUANTITY}\s+{_FITTING}\s+{_SHALL}|(?:(?:the|my|our)\s+|^\s*|[.;,:]\s*)(?:robot's |own )?(?:{_QUANTITY}"
+    rf"|wheel){_THERE}\s+(?:should|must|has to|needs to)(?: (?:therefore|thus|then|now))*\s+be(?: (?:therefore|set to"
+    rf"|at))*|(?<!current )(?<!previous )(?<!last )(?:steering|bin) (?:value|command|bin|choice)\s+(?:is|would be)"
     rf"|\b{_QUANTITY}\s+(?:i|we)(?:'d|\s+would)? (?:choose|pick|set|take|use|recommend) (?:is|would be)"
     r"|\b(?:id|number|index|action|option|command|bin|letter|value|code)\s+(?:i|we)(?:'d|'ll|\s+would|\s+will)?"
     r"\s+(?:choose|pick|select|take|use|send|output|give|return) (?:is|would be)"
-    rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel"
-    rf"|it)\s+(?:to|at)"
-    rf"|{_OWN_WILL}(?:steer(?: by| with)?"
-    r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|lower|raise)(?: (?:the|my|our))?"
-    r"(?: speed)?)\s+to))[\s\"'(:]*$"
+    rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel|it)\s+(?:to"
+    rf"|at)|{_OWN_WILL}(?:steer(?: by| with)?"
+    r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|decrease|lower|raise)"
+    rf"(?: (?:the|my|our|it))?(?: {_QUANTITY})?)(?:{_FROM})?\s+to"
+    rf"|(?:drop|go|change|move|switch|cut)(?: (?:the|my|our|it))?(?: {_QUANTITY})?{_FROM}\s+to))[\s\"'(:]*$"
 )
 """Words before a number to which a speed or an angle is set."""
 
@@ -380,21 +366,17 @@ _CAN_NOW = re.compile(r"(?:\s(?:here|now|safely))?(?:[\s.!]*$|,?\s(?:because|sin
 
 _NOT = (
     r"(?:\b(?:not|never|no|nor|neither|none|without|avoid\w*|cannot|cant|dont|refus\w+|declin\w+|unable|impossible"
-    r"|unsafe|dangerous|risky|unwise|wrong|bad|unnecessary|useless|forbidden|illegal|nobody|hardly|doubt\w*"
-    r"|mistake|no point|false|untrue|unclear|uncertain|unsure|incorrect|worst|least|rejected|reject\w*|discard\w*"
-    r"|forget|cancel\w*|ignor\w+|whether"
-    r"|nicht|kein\w*|nie|niemals|pas|jamais|nunca|jamás|ni|non|nem|não|нельзя|не|ни|нет|никогда|нiколи|ingen|inte"
-    r"|ikke|nej|niet|geen|hayır|değil)\b"
-    r"|n't\b|不|别|勿|避免|没|沒|無|禁止|안 |못 )"
+    r"|unsafe|dangerous|risky|unwise|wrong|bad|unnecessary|useless|forbidden|illegal|nobody|hardly|doubt\w*|mistake"
+    r"|no point|false|untrue|unclear|uncertain|unsure|incorrect|worst|least|rejected|reject\w*|discard\w*|forget"
+    r"|cancel\w*|ignor\w+|whether|kein\w*|nie|pas|jamás|ni|non|nem|ни|никогда|нiколи|ingen|inte|ikke|geen|hayır"
+    r"|değil)\b|n't\b|不|别|勿|避免|没|沒|無|禁止|안 |못 )"
 )
 _THAN = _one_of(
-    "than|over|except|except for|against|instead of|rather than|anything but|everything but|all but"
-    "|other than|besides"
+    "than|over|except|except for|against|instead of|rather than|anything but|everything but|all but|other than|besides"
     "|as opposed to|unlike|au lieu de|statt|anstatt"
 )
 _DENIED_BEFORE = re.compile(
-    rf"{_NOT}[^@]{{0,45}}$"
-    rf"|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
+    rf"{_NOT}[^@]{{0,45}}$|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
 )
 _NEGATED = re.compile(r"(?:(?:^|[\s(])[!¬~]|\bnot\s?)[\s\"']*$")
 """A program's sign of negation: "!LEFT", "not(LEFT)"."""
@@ -402,42 +384,39 @@ _DENIED_BRACKET = re.compile(
     rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with"
     rf"|for)\s+){{0,3}}[\"']?[(\[][\"']?$"
 )
-_IN_BRACKETS = re.compile(r"[\"']?[)\]:]")
-_DENIED_LABEL = re.compile(rf"(?:^|[,;(])\s*(?!no\s*:)(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$")
+_IN_BRACKETS = re.compile(r"[\"']?\s?(?:[)\]:]|\s-\s)")
+_DENIED_LABEL = re.compile(
+    rf"(?:^|[,;(])\s*(?!(?:\w+ )?no(?:\s*:"
+    rf"| (?:\w+ ){{0,2}}need))(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$"
+)
 """A label that denies what follows: "Avoid: LEFT"; but "no need: STRAIGHT" is no such label."""
 
 _SCOPE = re.compile(
-    r"[;:()\n,]|\b(?:that|which)\s+(?:best\s+)?avoids?\b[^@.;,]{1,40}?\s(?:is|would be)\b"
-    r"|\b(?:but|so|therefore|thus|hence|because|since|mais|sondern|aber|also|sino|pero|instead(?! of))\b"
-    r"|而是|而|但|应|-{1,2}>|=>|\s-\s"
+    r"[;:()\n,]|\b(?:that|which)\s+(?:best\s+)?avoids?\b[^@.;,]{1,40}?\s(?:is|would be)\b|\b(?:but|so|therefore|thus"
+    r"|hence|because|since|mais|also|sino|instead(?! of))\b|而是|而|但|应|-{1,2}>|=>|\s-\s"
 )
 _ALL_BUT = re.compile(r"(?:anything|everything|all) $")
 _BAD = _one_of(
     "unsafe|dangerous|risky|impossible|wrong|incorrect|bad|a bad|a mistake|unnecessary|unneeded|unavailable|blocked"
-    "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate"
-    "|pointless|(?<!watch )(?<!look )out(?! of)"
-    "|опасн\\w*|peligros\\w*|dangereu\\w*|gefährlich|falsch|pericolos\\w*|niebezpieczn\\w*|perigos\\w*|farlig\\w*"
-    "|危险|危険"
-    "|unwise|overkill|excessive|hardly|never|besetzt|belegt|blockiert|occup[ée]e?|ocupado|занят\\w*"
+    "|occupied|taken|busy|closed|excluded|ruled out|out of|too|worse|worst|forbidden|illegal|inappropriate|pointless"
+    "|(?<!watch )(?<!look )out(?! of)|опасн\\w*|peligros\\w*|dangereu\\w*|falsch|pericolos\\w*|niebezpieczn\\w*"
+    "|perigos\\w*|farlig\\w*|危险|危険|unwise|overkill|excessive|hardly|never|besetzt|belegt|blockiert|occup[ée]e?|ocupado"
+    "|занят\\w*"
 )
 _DENIED_AFTER = re.compile(
-    rf"\"?(?:\s+(?:lane|side|turn|option|action|down))?\"?"
-    rf"(?:\s+(?:is|are|was|were|would be|would|will be|will|seems|looks|appears|can|could|may|might|ist|est|es)"
-    rf"(?:\s+(?:be|also|both|clearly|definitely|really|currently|simply|very|far|still)){{0,2}}"
-    rf"\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b|lead to\b|risk\b|block\b)"
-    rf"|\s*(?:isn't|wasn't|aren't|can't|cannot|wouldn't|won't|doesn't|is n't)\b"
-    rf"|\s*[:=-]\s*(?:(?:would be|is|it is|it's|looks|seems) )?(?:not(?! (?:the )?@)\b|{_BAD}\b"
-    rf"|no(?=[\s.,;|]*$|[.,;|]"
-    rf"|\s(?:lane|room|space|need|way)))|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b|rejected\b)"
-    rf"|[^@.;\n]{{0,50}}\b(?:but|except|until|yet|though)\b[^@.;\n]{{0,40}}(?:{_NOT}"
-    rf"|\b(?:(?!out\b(?! of)){_BAD}|overlooks?"
-    rf"|ignores?)\b)"
+    rf"\"?(?:\s+(?:lane|side|turn|option|action|down))?\"?(?:\s+(?:is|are|was|were|would be|would|will be|will|seems"
+    rf"|looks|appears|can|could|may|might|es)(?:\s+(?:be|also|both|clearly|definitely|really|currently|simply|very|far"
+    rf"|still)){{0,2}}\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b|lead to\b|risk\b|block\b)|\s*(?:isn't"
+    rf"|wasn't|aren't|can't|cannot|wouldn't|won't|doesn't|is n't)\b|\s*[:=-]\s*(?:(?:would be|is|it is|it's|looks"
+    rf"|seems) )?(?:not(?! (?:the )?@)\b|{_BAD}\b|no(?=[\s.,;|]*$|[.,;|]|\s(?:lane|room|space|need|way)))"
+    rf"|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b|rejected\b)|[^@.;\n]{{0,50}}\b(?:but|except|until|yet"
+    rf"|though)\b[^@.;\n]{{0,40}}(?:{_NOT}|\b(?:(?!out\b(?! of)){_BAD}|overlooks?|ignores?)\b)"
     rf"|\s+(?:leads? to (?:an? )?(?:collision|crash|accident)|hits? (?:the|an?)|crash(?:es)?\b|collides?\b)"
-    rf"|\s*(?:[:=-]>?|->)\s*(?:an? |the )?(?:collision|crash\w*|accident|danger|hits?)\b"
-    rf"|\s*(?:[✗✘❌✖🚫👎⛔✕]|\((?:considered|no)\))"
-    rf"|\s+(?:rather than|over|instead of|before)\s+@\s+(?:is|was|would be)\s+(?:\w+\s+)?{_BAD}\b"
-    rf"|[^@.,、。]{{0,12}}(?:ません|ない|なく|なかった|ず|않|아니|못|禁止|危険|危险)"
-    rf"|\"?(?:\s+is|\s+are)\s+(?:best|better)\s+(?:avoided|left|not)\b|\"?,?\s+said (?:nobody|no one)\b)"
+    rf"|\s*(?:[:=-]>?|->)\s*(?:an? |the )?(?:collision|crash\w*|accident|danger|hits?)\b|\s*(?:[✗✘❌✖🚫👎⛔✕]"
+    rf"|\((?:considered|no)\))|\s+(?:rather than|over|instead of|before)\s+@\s+(?:is|was"
+    rf"|would be)\s+(?:\w+\s+)?{_BAD}\b"
+    rf"|[^@.,、。]{{0,12}}(?:ません|ない|なく|なかった|ず|않|아니|못|禁止|危険|危险)|\"?(?:\s+is"
+    rf"|\s+are)\s+(?:best|better)\s+(?:avoided|left|not)\b|\"?,?\s+said (?:nobody|no one)\b)"
 )
 _BADLY = r"(?:an? |the )?(?:collision|crash|accident|wall|ditch)"
 _HARM = _one_of(
@@ -459,11 +438,9 @@ _HARMS = re.compile(
 A reason to brake may be a separate sentence ("STOP. We would hit it"); that is no denial.
 """
 _BLOCKED = re.compile(
-    rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg"
-    rf"|continu|maintain)"
-    rf"(?:(?!\b(?:because|since|as|so|while|when|where)\b)[^@.,;:!?\n]){{0,30}}\s(?:is|are|would be|would|will"
-    rf"|can|may)"
-    rf"\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
+    rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu"
+    rf"|maintain)(?:(?!\b(?:because|since|as|so|while|when|where)\b)[^@.,;:!?\n]){{0,30}}\s(?:is|are|would be|would"
+    rf"|will|can|may)\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
     r"|lead to\b|risk\b)"
 )
 """Words about an option after its letter: "A) blocked", "B) turn right is unsafe"."""
@@ -472,22 +449,18 @@ _ASKED_FOR_BAD = re.compile(
 )
 """A question whose answer is no choice: "Which action is unsafe?"."""
 _ASKED_WHERE = re.compile(
-    r"\bhow (?:many|much|far|fast)\b(?! should (?:i|we)\b)[^?@]*\?\s*(?:a[.:)]\s*)?$"
-    r"|\b(?:where (?:is|are)|(?:which|what) (?:side|lane"
-    r"|direction|way) (?:is|are|does|do|has|have))\b"
-    r"(?!\s+(?:(?:the (?=most |clear|free))?(?:most |more |still )?(?:clear(?:er|est)?|free(?:r|st)?|open|room"
-    r"|space)\b"
-    r"|(?:the |my |our )?(?:robot|rover|car|vehicle|ego)\s+(?:\w+ )?(?:take|go|@)(?!\w)))"
-    r"(?!\s+(?:i|we|you|(?:the )?(?:safest|safer|safe|best|better|right|correct|recommended)\b))[^?@]*\?"
-    r"\s*(?:a[.:)]\s*)?$"
+    r"\bhow (?:many|much|far|fast)\b(?! should (?:i|we)\b)[^?@]*\?\s*(?:a[.:)]\s*)?$|\b(?:where (?:is|are)|(?:which"
+    r"|what) (?:side|lane|direction|way) (?:is|are|does|do|has|have))\b(?!\s+(?:(?:the (?=most |clear|free))?(?:most "
+    r"|more |still )?(?:clear(?:er|est)?|free(?:r|st)?|open|room|space)\b|(?:the |my |our )?(?:robot|rover|car|vehicle"
+    r"|ego)\s+(?:\w+ )?(?:take|go|@)(?!\w)))(?!\s+(?:i|we|you|(?:the )?(?:safest|safer|safe|best|better|right|correct"
+    r"|recommended)\b))[^?@]*\?\s*(?:a[.:)]\s*)?$"
 )
 """A question about the picture: "Which side is the car on?"."""
 _STATE = re.compile(
     r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:the\s+|a\s+|an\s+|is\s+)?(?:free|clear|empty|open|available|safe"
     r"|possible|cars?|vehicles?|trucks?|none|unknown|n/a|yes|true|false|\d+(?:\.\d+)?\s*(?:m\b|/\s*\d+)|frei"
-    r"|libre)\b[^.;,@]{0,14}"
-    r"(?:[.;,)|\n]|$)"
-    r"|\)?\s*[:=]\s*(?:0|[01]?\.\d+|\d+\s?%)(?=[\s.;,)|]*(?:$|\n|[;,|]))|(?<=\w\(@)\)\s*[:=]"
+    r"|libre)\b[^.;,@]{0,14}(?:[.;,)|\n]|$)|\)?\s*[:=]\s*(?:0|[01]?\.\d+|\d+\s?%)(?=[\s.;,)|]*(?:$|\n|[;,|]))"
+    r"|(?<=\w\(@)\)\s*[:=]"
 )
 """The state of a side, "LEFT: free", or its probability, "LEFT: 0.1"."""
 _FREE_OR_NOT = re.compile(
@@ -496,9 +469,8 @@ _FREE_OR_NOT = re.compile(
 _PLACE = re.compile(r"left|right|straight|ahead|forward|back|lane|middle|cent|road", re.IGNORECASE)
 """Actions named by a place: such words describe the place; for other actions they are a reason."""
 _COUNTED = re.compile(
-    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:no|\d+|two|three|several|many)\s+(?:free|clear|empty|open"
-    r"|available|safe"
-    r"|cars?|vehicles?|trucks?)\b[^.;,@]{0,14}(?:[.;,)|\n]|$)"
+    r"\"?(?:\s+(?:lane|side))?\"?\s*[:=(]\s*\"?(?:no|\d+|two|three|several|many)\s+(?:free|clear|empty|open|available"
+    r"|safe|cars?|vehicles?|trucks?)\b[^.;,@]{0,14}(?:[.;,)|\n]|$)"
 )
 """The number of things on a side: "LEFT: two cars"."""
 
@@ -508,97 +480,76 @@ _SPOKEN_OF = re.compile(
     rf"|reads|told|asked|(?<!gut )(?<!instinct )says|said|(?:of|for) (?:the|an?) {_OTHER}|(?:of|for) (?:the"
     rf"|an?) (?:truck|bus|van)"
     rf"|(?<!ego )(?<!green )(?<!my )(?<!our )(?:car|truck|vehicle|driver|lead|bus|van)'s)\b[^@,;:]*$"
-    r"|\bwait(?: for| until|,? then|,? and then)\b[^@;:]*$"
-    r"|\bso (?:is|are|would|does)\s*$|[✗✘❌✖🚫👎⛔✕]\s*$|\[ \]\s*$"
-    r"|\b(?:first|initial) (?:answer|thought|instinct|reaction|guess|idea|impression)\b[^@.;]*$"
-    r"|\b(?:previously|formerly|a moment ago|naive\w*|superficial\w*|at first (?:glance|sight))\b[^@.;]*$"
-    r"|\b(?:second(?:ary)?|alternativ\w*|backup|fallback|runner-up|plan b|next best|previous|last|earlier|former)\b"
-    r"[^@,;]{0,40}$"
-    r"|\b(?:ready to|prepared? to|preparing to|prepared for|could|might|may|maybe|perhaps|possibly"
-    r"|consider(?:ing|ed)?"
-    r"|thought(?: about| of)?|would have|used to|was|were|yesterday|tempted to|hesitat\w+|vielleicht|quizás"
-    r"|peut-être)\b"
-    r"[^@,:;]{0,40}$"
+    r"|\bwait(?: for| until|,? then|,? and then)\b[^@;:]*$|\bso (?:is|are|would|does)\s*$|[✗✘❌✖🚫👎⛔✕]\s*$|\[ \]\s*$"
+    r"|\b(?:first|initial) (?:answer|thought|instinct|reaction|guess|idea|impression)\b[^@.;]*$|\b(?:previously"
+    r"|formerly|a moment ago|naive\w*|superficial\w*|at first (?:glance|sight))\b[^@.;]*$|\b(?:second(?:ary)?"
+    r"|alternativ\w*|backup|fallback|runner-up|plan b|next best|previous|last|earlier|former)\b[^@,;]{0,40}$"
+    r"|\b(?:ready to|prepared? to|preparing to|prepared for|could|might|may|maybe|perhaps|possibly|consider(?:ing|ed)?"
+    r"|thought(?: about| of)?|would have|used to|was|were|yesterday|tempted to|hesitat\w+|peut-être)\b[^@,:;]{0,40}$"
 )
 """Another speaker or actor, a later or earlier time, or a mere possibility."""
 
 _QUOTED = re.compile(
-    r"\b(?:reads?|says?|said|states?|stated|asks?|asked|wrote|written|shows?|displays?)\s*[:,]?\s*[\"'][^@\"]*$"
-    r"|\b(?:he|she|they|someone|somebody|anyone|passenger|human|user|instructor|sign|banner|driver)\b[^@.;]{0,30}"
-    r"\b(?:says?|said|wants?|thinks?|reads?|answers?|answered|chose|chooses)\b[^@.;]*$"
-    r"|\btoo \w+ \($|\b(?:it|this|that|there)(?: is|'s) an?\s*$"
-    r"|\b(?:ideally|normally|usually|generally|typically|theoretically|hypothetically|in (?:theory|principle"
-    r"|general))\b"
-    r"[^@:;.]{0,30}$"
+    r"\b(?:reads?|says|(?<!i )(?<!i'd )(?<!would )say|said|states?|stated|asks?|asked|wrote|written|shows?"
+    r"|displays?)\s*[:,]?\s*[\"'][^@\"]*$|\b(?:he|she|they|someone|somebody|anyone|passenger|human|user|instructor"
+    r"|sign|banner|driver)\b[^@.;]{0,30}\b(?:says?|said|wants?|thinks?|reads?|answers?|answered|chose"
+    r"|chooses)\b[^@.;]*$|\btoo \w+ \($|\b(?:it|this|that|there)(?: is|'s) an?\s*$|\b(?:ideally|normally|usually"
+    r"|generally|typically|theoretically|hypothetically|in (?:theory|principle|general))\b[^@:;.]{0,30}$"
 )
 """Another speaker, or a hypothetical case."""
 
 _LABELLED = re.compile(r"(?:^|[.,;\n(|])\s*([^.,;:\n(|]{1,80}?)\s*[:=][\s\"'(]*$")
 _ANSWERS = re.compile(
-    r"(?:\b(?:the|my|our|your|so|and|but|final|next|first|best|better|chosen|selected|recommended|suggested"
-    r"|proposed|preferred"
-    r"|safest|safe|correct|right|optimal|required|appropriate|step|current|immediate|driving|driver|vehicle|car"
-    r"|ego|control"
-    r"|action|answer|decision|choice|pick|conclusion|verdict|recommendation|result|output|response|reply|command"
-    r"|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction|update|ok"
-    r"|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet|one word"
-    r"|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate|speed up"
-    r"|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight"
-    r"|hard|gentle|gently|sharp|policy"
-    r"|(?:action|cmd|command|option|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame"
-    r"|scene|case)|plan|here(?:'s| is)|in short|overall|ultimately|to be"
-    r"|antwort|aktion|entscheidung|respuesta|acción|decisión|resposta|ação|decisão|réponse|décision|choix|risposta"
-    r"|azione"
-    r"|decisione|odpowiedź|svar|svaret|antwoord|ответ|відповідь|действие|решение|colou?r|shape|\d{1,2}|of action"
-    r"|name|exec(?:ute)?|in terms of the (?:given |allowed )?(?:list|options|actions|names))\b"
-    r"|答案|答え|正解|正确答案|回答|动作|動作|行動|操作|选择|選択|決定|决定|정답|답|답변|행동|是|は|为|الإجابة"
-    r"|الجواب|القرار|الإجراء|תשובה|उत्तर"
-    r"|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns|[^\w@])+"
+    r"(?:\b(?:the|my|our|your|so|and|but|final|next|first|best|better|chosen|selected|recommended|suggested|proposed"
+    r"|preferred|safest|safe|correct|right|optimal|required|appropriate|step|current|immediate|driving|driver|vehicle"
+    r"|car|ego|control|action|answer|decision|choice|pick|conclusion|verdict|recommendation|result|output|response"
+    r"|reply|command|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction"
+    r"|update|ok|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet"
+    r"|one word|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate"
+    r"|speed up|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight"
+    r"|hard|gentle|gently|sharp|policy|(?:max|min)imum|lowest|slowest|fastest|top speed|(?:action|cmd|command|option"
+    r"|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)"
+    r"|in short|overall|ultimately|to be|svar|colou?r|shape|\d{1,2}|of action|name|exec(?:ute)?"
+    r"|in terms of the (?:given |allowed )?(?:list|options|actions|names))\b"
+    r"|操作|选择|選択|是|は|为|الإجابة|الجواب|القرار"
+    r"|الإجراء|תשובה|उत्तर|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns|[^\w@])+"
 )
 """Labels of a choice; text after another label, as in "Road shape:", is none."""
 _CLAUSE = re.compile(
-    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|needs?|will|would|can|want|steer|brak\w+|slow\w*"
-    r"|near\w*|close"
-    r"|stop(?:s|ped|ping)|reduce|keep|avoid|change|move|turn|proceed|continue|accelerate|speed up|\w+ traffic"
-    r"|clear|ist|sind"
-    r"|est|es|está|muss|doit|debe|deve)\b"
-    r"|n't\b"
+    r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|need(?:s|ed)?|will|would|can|want|steer|brak\w+"
+    r"|slow\w*|near\w*|close|stop(?:s|ped|ping)|reduce|(?:keep|stay|hold)(?:ing)?|let's|avoid|change|move|turn|proceed"
+    r"|continue|accelerate|speed up|\w+ traffic|clear|sind|es|está)\b|n't\b"
 )
 """A reason before a colon: "the lead is near: STOP"."""
 
 _EXAMPLE = re.compile(
-    r"\b(?:example|for instance|e\.g|such as|(?<!of the )options(?: are)?|choices are)\b[^@]{0,60}$"
+    r"\b(?:example|for instance|e\.g|such as|(?<!of the )options(?: are)?(?!,| +-)|choices are)\b[^@]{0,60}$"
     r"|^\s*an? (?:(?!\b(?:is|are|was|has|have)\b)[^,:])*\b(?:free|taken|ahead|occupied)\s*:\s*$"
 )
 _THING_LABEL = re.compile(
     r"(?:^|[,;(])\s*(?:(?!\b(?:is|are|was|has|have|should|must|switch|change|maintain|keep"
-    r"|hold)\b)[\w'-]+\s+){0,4}?(?:detected|position|location|lanes?|sides?"
-    r"|danger|risk|collision|hazard|obstacles?|vehicles?|cars?|leads?|blocked|occupied|free|clear|taken|visible"
-    r"|unsafe|bad|worst|wrong|direction of \w+"
-    r"|(?!(?:recommend|suggest|select|prefer|advis|requir|need|propos|decid|correct|revis|indicat)ed|need"
-    r"|speed)\w+ed)"
+    r"|hold)\b)[\w'-]+\s+){0,4}?(?:detected|position|location|lanes?|sides?|danger|risk|collision|hazard|obstacles?"
+    r"|vehicles?|cars?|leads?|blocked|occupied|free|clear|taken|visible|unsafe|bad|worst|wrong|direction of \w+"
+    r"|(?!(?:recommend|suggest|select|prefer|advis|requir|need|propos|decid|correct|revis|indicat)ed|need|speed)\w+ed)"
     r"\)?\s*:\s*[\"'(]*$"
 )
 """A label of a thing in the picture: "Obstacle position: LEFT"."""
 
 _IF = re.compile(
-    r"\b(?:if|unless|once|when|whenever|in case|in which case|otherwise|after that|afterwards|later"
-    r"|should the|had the|were (?:the|it|there|we|i|that)"
-    r"|would have|could have|might have|suppose|supposing|assum(?:e|ing)|imagine|pretend|say (?:we|i|it)|before|after"
-    r"|wenn|falls|si|если)\b"
-    r"|(?:^|[.;:]\s*)(?:shall|can|could|may|might|do|does|did|will|would|should|is|are) (?:we|i|it|the|you)\b"
+    r"\b(?:if|unless|once|when|whenever|in case|in which case|otherwise|after that|afterwards|later|should the|had the"
+    r"|were (?:the|it|there|we|i|that)|would have|could have|might have|suppose|supposing|assum(?:e|ing)|imagine"
+    r"|pretend|say (?:we|i|it)|before|after|falls|si)\b|(?:^|[.;:]\s*)(?:shall|can|could|may|might|do|does|did|will"
+    r"|would|should|is|are) (?:we|i|it|the|you)\b"
 )
 _IF_OF_SPEECH = re.compile(
     r"\b(?:if (?:i|we) (?:had|have|must|were|was|am|are)(?: forced| asked| required)?(?: to)?(?: \w+){0,5}"
     r"|even if|if you ask me|as if|(?:see|check|checking|determine|decide) if|when in doubt|when asked)\b"
 )
-_IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[.;\n]")
+_IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[;\n]|\.(?!\d)")
 _IF_AFTER = re.compile(
-    r"(?!,?\s+(?:for |right )?now\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|(?<!at )once|when"
-    r"|whenever|only if|wenn|falls|si"
-    r"|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later|soon|tomorrow|in general"
-    r"|generally|usually)\b"
-    r"|,? and (?:you|they|it)\b"
+    r"(?!,?\s+(?:(?:for |right )?now|and)\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|(?<!at )once"
+    r"|when|whenever|only if|falls|si|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later"
+    r"|soon|tomorrow|in general|generally|usually)\b|,? and (?:you|they|it)\b"
 )
 _REASON = re.compile(r"\b(?:because|since|as|so|due|unless|for)\b")
 
@@ -612,36 +563,29 @@ _RETRACTED = re.compile(
 # A part of a sentence that is only an action.
 
 _PARTED = re.compile(
-    r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though"
-    r"|due to|therefore|until|till"
-    r"|given|rather than|instead of|unless|for the|over|not|weil|da|denn|porque|parce|потому|than|to avoid|to keep"
-    r"|to pass|to overtake|to prevent|to maintain|in order|and then|then|before)\b"
+    r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though|due to"
+    r"|therefore|until|till|given|rather than|instead of|unless|for the|over|not|than|to avoid|to keep|to pass"
+    r"|to overtake|to prevent|to maintain|in order|and then|then|before)\b"
 )
 _TALK = re.compile(r",\s+(?:i|you|we|the|this|that|let|so|ok|okay|here|now|it)\b")
 _COMPARED = re.compile(r"over|not|than|rather than|instead of|for the|as")
 _FILLER = re.compile(
     r"(?:\b(?:ok|okay|sure|well|so|then|thus|hence|therefore|er|um|uh|hmm+|hm|ah|oh|yes|yeah|now|next|first|finally"
-    r"|actually|definitely|probably|likely|certainly|clearly|obviously|just|simply|only|rather|better"
-    r"|answer|action|decision"
-    r"|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
-    r"|at the moment|for the moment|here|here's|correction|option|please|best"
-    r"|safest|assistant|i guess|i think|to be safe|mais|sondern|also|but|and|sorry|i mean|no doubt"
-    r"|without a doubt|of course|surely|i\.e"
+    r"|actually|definitely|probably|likely|certainly|clearly|obviously|just|simply|only|rather|better|answer|action"
+    r"|decision|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
+    r"|at the moment|for the moment|here|here's|correction|option|please|best|safest|assistant|i guess|i think"
+    r"|to be safe|mais|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely|i\.e"
     "|absolutely|must be|has to be|in the end|confidence|gently"
-    r"|immediately|a|an"
-    r"|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
+    r"|immediately|a|an|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
 )
 _TAIL = re.compile(
-    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately"
-    r"|ahead|it is|it down|here|lane|lane change|turn|for now"
-    r"|and wait|and hold|for sure"
-    r"|(?:on|to) (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once"
-    r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again"
-    r"|obviously|a bit|a little|slightly|sharply"
-    r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat"
-    r"|drone|rover|engine"
-    r"|load)|i guess|i think|i would say|up|completely|entirely|action|confidence|end|out|fahren|nehmen|wählen"
-    r"|\d+(?:\.\d+)?)\b|[^\w@])*"
+    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately|ahead"
+    r"|it is|it down|here|lane|lane change|turn|for now|and wait|and hold|for sure|(?:on|to) (?:the|my) (?:left"
+    r"|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed"
+    r"|with caution|carefully|gently|hard|forward|further|again|obviously|a bit|a little|slightly|sharply"
+    r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat|drone|rover"
+    r"|engine|load)|i guess|i think|i would say|up|completely|entirely|action|confidence|end|out|\d+(?:\.\d+)?)\b"
+    r"|[^\w@])*"
 )
 _ORDERED = re.compile(rf"\s*(?:(?:please|just|then|now)\s+)*(?:{_DONE}|{_HOLD}|change lanes?|lane change)\s*")
 _FAR = r"\d+(?:\.\d+)?\s?(?:km/h|m/s|mph|°|deg(?:ree)?s?|m|cm|met(?:er|re)s?|feet|ft|steps?)"
@@ -657,11 +601,17 @@ _SOMEONE = re.compile(r"(?:^|\.\s*)\s*(?:an?|the|some|another) (?:(?!robot|vehic
 _ACTIVE = re.compile(r"[^\W\d_]+ing\b", re.IGNORECASE)
 _DOING = re.compile(r"\W*(?:(?:just|simply|so|ok|okay|now|currently|therefore|thus|continue|keep)\b\W*)*")
 _DONE_FOR = re.compile(
-    r"(?:\s+(?:right now|now|here|at once|for now|carefully|slowly|further|it|on (?:the|my) (?:left"
-    r"|right)))*[\s\"')]*"
+    r"(?:\s+(?:right now|now|here|at once|for now|carefully|slowly|further|it|on (?:the|my) (?:left|right)))*[\s\"')]*"
     r"(?:[.!;]|$|,?\s*\b(?:because|since|as|due|to|for|so|until|while|in order|around)\b|\s-\s|,\s(?:it|the|we|i"
     r"|there)\b)"
 )
+_HELPS = re.compile(
+    r"(?: on (?:the|my) (?:left|right)(?: side)?)?(?: will)? (?:lets? (?:(?:us|it|the robot) (?:find|reach|pass|avoid)"
+    r"|the \w+ pass)\b|(?:lead|bring|take|get)s? (?:us|me|it|the robot) (?:closer )?to (?:the|our) (?:\w+ )?"
+    r"(?:exit|goal|target|door|corridor)\b|gives? (?:us|me) more (?:room|space|time|distance)\b)"
+    r"(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|too|not)\b))"
+)
+"""The use of what is done, which is a reason to do it: "Turning left will bring us to the door."."""
 _ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
 _MODAL = re.compile(r"\b(?:would|could|might|may|will|leads?)\b")
 _FINITE = re.compile(
@@ -669,9 +619,9 @@ _FINITE = re.compile(
     r"|takes?|risks?|hits?)\b"
 )
 """What is done, with no verb of its own: "Turning right to avoid the box would …" is a statement about it."""
-_EITHER = re.compile(r"\b(?:or|oder)\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
+_EITHER = re.compile(r"\bor\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
-_OR_NUMBER = re.compile(r"\s+or\s+[+-]?\d")
+_OR_NUMBER = re.compile(r"\s+or\s+[+-]?\d|[,;]? (?:and )?(?:the )?m(?:ax|in)imum\b")
 _IT_IS = re.compile(r"(?<!for )\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
@@ -688,10 +638,14 @@ class _PlacedMention:
 
 def takes_back(text: str, action: str, names: ActionNames) -> bool:
     """Return whether a folded text chooses or corrects to another action than was stated before."""
+    if (found := read_prose(text, names).action) is not None:
+        return found != action
     marked, placed = _mark(text, tuple(_mentions(text, names))[:1])
-    if placed and placed[0].mention.action != action and _is_corrected(marked, 0, placed[0].place):
-        return True
-    return read_prose(text, names).action not in {None, action}
+    if not placed or placed[0].mention.action == action:
+        return False
+    left, right = marked[: placed[0].place], marked[placed[0].place + 1 :][:_RIGHT]
+    waits = _HESITATES.match(f".{left.lstrip()}"[:_JOINT]) and not _is_denied(left[-_LEFT:], right)
+    return bool(waits or _is_corrected(marked, 0, placed[0].place))
 
 
 def read_prose(text: str, names: ActionNames) -> Decision[str]:
@@ -862,6 +816,8 @@ def _joins(marked: str, before: int, place: int, end: int) -> bool:
     between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
     if len(between) > _JOINT or not _JOINED.fullmatch(between):
         return False
+    if _NOW[1].match(between) and _LATER[1].match(marked, place + 1):
+        return False
     return between.strip() != "," or not (_CHOSEN_AFTER.match(right) or _DENIED_AFTER.match(right))
 
 
@@ -880,10 +836,18 @@ def _judged_group(marked: str, start: int, end: int, group: list[_PlacedMention]
         status = "denied"
     elif _ASKED_WHERE.search(marked, max(0, start - _LEFT), start):
         status = "said"
-    elif not row and "?" not in marked[max(start, end - 3) : end] and not _is_only_said(left, right, group[0].mention):
+    elif not row and not _asks(marked, start, end) and not _is_only_said(left, right, group[0].mention):
         opens = not re.search(r"[\w@]", marked[max(0, start - _LEFT) : start])
         status = _chosen(left, right, group[0].mention, opened=start >= first - _LEFT, opens=opens)
     return [replace(mention, status=status) for mention in group]
+
+
+def _asks(marked: str, start: int, end: int) -> bool:
+    """Return whether a sentence is a question, not a choice with a hedge: "LEFT, I guess?"."""
+    return "?" in marked[max(start, end - 3) : end] and not _HEDGE.search(marked, max(start, end - _JOINT), end)
+
+
+_HEDGE = re.compile(r",? i (?:guess|think|suppose|believe)\?[\s\"')]*$")
 
 
 def _is_denied(left: str, right: str) -> bool:
@@ -892,12 +856,7 @@ def _is_denied(left: str, right: str) -> bool:
         blocked = not sign.group().endswith(":") and _BLOCKED.match(inner) is not None
         if blocked or _DENIED_AFTER.match(inner) or _DENIED_BRACKET.search(left):
             return True
-    if (
-        _NEGATED.search(left)
-        or _DENIED_AFTER.match(right)
-        or _HARMS.match(right)
-        or (_DENIED_LABEL.search(left) and not left.rstrip(" :\"'(").endswith("need"))
-    ):
+    if _NEGATED.search(left) or _DENIED_AFTER.match(right) or _HARMS.match(right) or _DENIED_LABEL.search(left):
         return True
     return _DENIED_BEFORE.search(_scope(left)) is not None
 
@@ -933,11 +892,12 @@ def _is_only_said(left: str, right: str, mention: Mention) -> bool:
         or _EXAMPLE.search(left)
         or _THING_LABEL.search(left)
         or _HELD.search(left)
-        or _EITHER.search(left)
+        or (_EITHER.search(left) and not (is_mark(mention.action) and _SET_TO.search(left)))
         or _OR_NUMBER.match(right)
     ):
         return True
-    if _PREDICATE.match(right) and not (_CHOSEN_AFTER.match(right) or _TAKES_IT.match(right)):
+    helps = mention.derived and _HELPS.match(right)
+    if _PREDICATE.match(right) and not (helps or _CHOSEN_AFTER.match(right) or _TAKES_IT.match(right)):
         return True
     over = max((match.end() for match in _IF_OVER.finditer(left)), default=0)
     after = _IF_AFTER.match(right)
@@ -948,14 +908,21 @@ def _is_only_said(left: str, right: str, mention: Mention) -> bool:
 
 def _chosen(left: str, right: str, mention: Mention, *, opened: bool, opens: bool) -> Status:
     """Return whether a mention is chosen, half of a choice, or only said."""
-    if (label := _LABELLED.search(left)) is not None and not _names_a_choice(label.group(1)):
+    label = None if is_mark(mention.action) and _SET_TO.search(left) else _LABELLED.search(left)
+    if label is not None and not _names_a_choice(label.group(1)):
         return "said"
     several = _SEVERAL.search(mention.written) is not None
     if _is_measured(left, mention):
         return "said"
     if _is_chosen_around(left, right, mention, several=several):
         return "chosen"
-    if mention.derived and several and opens and _DOING.fullmatch(left) and _is_only_done(right):
+    if (
+        mention.derived
+        and several
+        and opens
+        and _DOING.fullmatch(left)
+        and (_HELPS.match(right) or _is_only_done(right))
+    ):
         return "chosen" if _ACTIVE.match(mention.written) else "said"
     status = _stands_alone(left, right, opened=opened, several=several)
     return "said" if mention.derived and not _BARE_FORM.match(right) else status
@@ -1001,8 +968,7 @@ _ASSIGNED = re.compile(r"[a-z_]\s?[:=]\s?[@\d.+-]+[,;]?\s+[a-z_]{1,20}\s?[:=]\s?
 _PEDAL = re.compile(r"\b(?:brak(?:e|es|ing)|throttle|gas|pedal)[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}$")
 """A label of a control whose numbers are not the actions: "brake: 0"."""
 _CONTROL = re.compile(
-    r"\b(?:steer(?:ing)?(?:[_ ](?:angle|wheel))?|wheel|angle|throttle|gas|pedal|accel\w*|brak(?:e|es|ing)|clutch"
-    r"|gear)"
+    r"\b(?:steer(?:ing)?(?:[_ ](?:angle|wheel))?|wheel|angle|throttle|gas|pedal|accel\w*|brak(?:e|es|ing)|clutch|gear)"
     r"[\"'*\s]{0,4}[:=][\"'*\s(]{0,4}[@\d.+-]"
 )
 _BOTH = 2
@@ -1021,7 +987,7 @@ def _stands_alone(left: str, right: str, *, opened: bool, several: bool) -> Stat
     tail = right if rest is None else right[: rest.start()]
     if _TAIL.fullmatch(tail) or (several and _MEASURED.fullmatch(tail)):
         return "chosen"
-    return "half" if _TAIL.fullmatch(re.split(r"\band\b", tail)[0]) else "said"
+    return "half" if _TAIL.fullmatch(re.split(r"\band\b(?! [a-z\d] )", tail)[0]) else "said"
 
 
 def _in_time(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:

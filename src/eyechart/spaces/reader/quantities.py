@@ -78,11 +78,9 @@ class Quantity:
         """Yield the line starts of a folded text with the quantity and a colon or similar."""
         if self.words:
             yield from re.finditer(
-                rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}"
-                rf"(?:[ \t]?[(\[](?:{self.keyed})[)\]])?"
-                r"(?:[ \t\"']{0,4}(?:[:=]|[-=]>|\b(?:is )?set to\b)+[ \t]*"
-                r"|[ \t](?=[+-]?\d[^\n]{0,9}$|[+-]?[\d.]+ ?[^\s\d,]{0,9}, (?:because|since|as|so)\b)"
-                r"|\((?=[+-]?[\d.]+\)[;\s]*$))",
+                rf"(?:^|(?<=[.;!] ))[^\w\n]{{0,8}}{self._named}(?:[ \t]?[(\[](?:{self.keyed})[)\]])?"
+                r"(?:[ \t\"']{0,4}(?:[:=]|[-=]>|\b(?:is )?set to\b)+[ \t]*|[ \t](?=[+-]?\d[^\n]{0,9}$"
+                r"|[+-]?[\d.]+ ?[^\s\d,]{0,9}, (?:because|since|as|so)\b)|\((?=[+-]?[\d.]+\)[;\s]*$))",
                 text,
                 re.IGNORECASE | re.MULTILINE,
             )

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 
 from eyechart.spaces.failures import lacks_picture
 from eyechart.spaces.reader.action_names import ActionNames, fold
-from eyechart.spaces.reader.marks import SIDE, SIGN_APART, is_mark, split_number
+from eyechart.spaces.reader.marks import SIDE, SIGN_APART, TURN, is_mark, split_number
 from eyechart.spaces.space import PICTURE_ASKED_FOR, Decision, json_objects, refuses, unparsed
 
 _STATED_AT_MOST = 50
 _THOUGHT = re.compile(
-    r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)"
-    r"|<(reasoning|thought|thoughts|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)"
-    r"|function_(?:response|results?))>.*?(?:</\1>|\Z)"
-    r"|<\|channel\|>(?:analysis|commentary)\b.*?(?:<\|end\|>|(?=<\|channel\|>final)|\Z)"
+    r"<\|begin_of_thought\|>.*?(?:<\|end_of_thought\|>|\Z)|◁think▷.*?(?:◁/think▷|\Z)|<(reasoning|thought|thoughts"
+    r"|scratchpad|reflection|analysis|observation|tool_(?:response|result|output)|function_(?:response"
+    r"|results?))>.*?(?:</\1>|\Z)|<\|channel\|>(?:analysis|commentary)\b.*?(?:<\|end\|>|(?=<\|channel\|>final)|\Z)"
     r"|\Aanalysis(?=[A-Z]).*?(?:assistantfinal|\Z)",
     re.DOTALL | re.IGNORECASE,
 )
@@ -36,17 +35,14 @@ _CIRC = re.compile(r"\s?\^\s?\{?\s?\\circ\b\s?\}?")
 _LABELS = (
     r"action(?: input)?|answer|decision|choice|command|output|response|result|man(?:eu|oeu)ver|manoeuvre"
     r"|move|direction|control|letter"
-    r"|aktion|antwort|entscheidung|acción|respuesta|réponse|décision|azione|risposta|ação|resposta|decisión"
 )
 _OWN = (
     r"(?:(?:the|my|your|ego|self|own|final|next|first|best|better|chosen|selected|recommended|suggested|proposed"
-    r"|preferred"
-    r"|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new|primary"
-    r"|main|top"
-    r"|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering|speed"
-    r"|velocity|lateral"
-    r"|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action|answer|decision|tool|step"
-    r"|task|output|response|predicted|executed|taken|single|one|word|short|\d{1,3})[ _.-]{0,2}){0,4}"
+    r"|preferred|safe|safest|correct|right|optimal|required|necessary|intended|planned|immediate|current|now|new"
+    r"|primary|main|top|driving|drive|driver|vehicle|car|robot|agent|model|assistant|user|control|controller|steering"
+    r"|speed|velocity|lateral|longitudinal|lane|motion|movement|navigation|tactical|high|low|level|discrete|action"
+    r"|answer|decision|tool|step|task|output|response|predicted|executed|taken|single|one|word|short"
+    r"|\d{1,3})[ _.-]{0,2}){0,4}"
 )
 """Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
@@ -55,9 +51,8 @@ _KEY = re.compile(_KEY_OF_ANSWER, re.IGNORECASE)
 _COUNTS = re.compile(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
 """A key whose number counts something."""
 _ONLY_KEY = re.compile(
-    r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category"
-    r"|class|value|text"
-    r"|content|message|final|name|shape|colou?r|side|count|number",
+    r"steer(?:ing)?|turn|drive|do|go|next|pick(?:ed)?|selection|selected|verdict|label|prediction|category|class|value"
+    r"|text|content|message|final|name|shape|colou?r|side|count|number",
     re.IGNORECASE,
 )
 """A key that is the answer if it is the only one."""
@@ -75,8 +70,7 @@ _FAULT = re.compile(
 )
 _ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
 _FINE = re.compile(
-    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted"
-    r"|executed)",
+    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
     re.IGNORECASE,
 )
 _UNLESS = re.compile(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
@@ -84,15 +78,12 @@ _CASE = re.compile(r"\b(?:if|when|unless|once|provided|only)\b", re.IGNORECASE)
 """A condition under which an action holds, and its words."""
 _OTHERS = re.compile(
     r"other|lead|front|vehicle_|human|^if|^when|^unless|^else|^not$|example|sample|alternativ|option|candidate"
-    r"|consider|avoid|reject|previous"
-    r"|last|history|past"
-    r"|fallback|forbidden|not_|invalid|available|possible|allowed|schema|properties|question|prompt|input$|second"
-    r"|wrong|expert"
-    r"|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?"
-    r"|motorcycles?|animals?|actors|agents|neighbou?rs?|oncoming|adjacent|surround\w+)(?:$|[\W_\d])"
-    r"|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command|choice)s?\Z)(?:obstacles?|objects?"
-    r"|detect\w+|hazards?|traffic"
-    r"|lights?|signs?|signals?|arrows?|lanes|roads?|curves?|bends?)(?:$|[\W_\d])",
+    r"|consider|avoid|reject|previous|last|history|past|fallback|forbidden|not_|invalid|available|possible|allowed"
+    r"|schema|properties|question|prompt|input$|second|wrong|expert|(?:^|[\W_])(?:trucks?|bus(?:es)?|vans?|vehicles"
+    r"|cars|pedestrians?|persons?|people|cyclists?|bicycles?|bikes?|motorcycles?|animals?|actors|agents|neighbou?rs?"
+    r"|oncoming|adjacent|surround\w+)(?:$|[\W_\d])|(?:^|(?<!control)[\W_])(?!.*(?:action|decision|response|command"
+    r"|choice)s?\Z)(?:obstacles?|objects?|detect\w+|hazards?|traffic|lights?|signs?|signals?|arrows?|lanes|roads?"
+    r"|curves?|bends?)(?:$|[\W_\d])",
     re.IGNORECASE,
 )
 """Keys whose objects are about others, or are no choice."""
@@ -100,7 +91,7 @@ _CUT_OFF = re.compile(r"\{[^{}]*\Z")
 _MARKER = re.compile(
     rf"^[^\w\n]{{0,8}}(?:(?:the|my|your|final|next|chosen|recommended|best|selected|correct|suggested|safest"
     rf"|step \d)\s+){{0,4}}"
-    rf"(?:{_LABELS}){_CODE}[ \t\"']{{0,4}}(?:[:=>]|->|-(?![\s-]*\.?\d)|\bis\b)+[ \t]*",
+    rf"(?:(?:{_LABELS}){_CODE}|id(?=[ \t]*[:=][^:]*\Z))[ \t\"']{{0,4}}(?:[:=>]|->|-(?![\s-]*\.?\d)|\bis\b)+[ \t]*",
     re.IGNORECASE | re.MULTILINE,
 )
 _HEADING = re.compile(
@@ -109,11 +100,9 @@ _HEADING = re.compile(
 )
 _FINAL = re.compile(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
 _NOTHING_SEEN = re.compile(
-    r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view"
-    r"|access|process|assist"
-    r"|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
-    r"|photos?|frames?|that|this"
-    r"|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
+    r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view|access"
+    r"|process|assist|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
+    r"|photos?|frames?|that|this|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
     rf"|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
@@ -169,7 +158,7 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     text = _TOKEN.sub(" ", _THOUGHT.sub(" ", visible)).replace("\u2019", "'")
     text = _ROBOT.sub(lambda said: f"{said[1]} should {said[2] or said[3]}", text)
     text = names.in_english(_INLINE.sub(r" \1 ", _CIRC.sub("°", text)))
-    words = _find(text, names)
+    words = _find(_by_number(text, names) or text, names)
     if words.action is None:
         return Decision(None, "refused") if refuses(visible) else words
     if _turns_otherwise(text, names.side(words.action)):
@@ -182,6 +171,32 @@ def read_words(visible: str, names: ActionNames) -> Decision[str]:
     return words
 
 
+_ITEM = re.compile(r"^\W{0,6}(?:option )?(\d{1,2}|[a-i])[.):]+ ?([^\n]{1,80})", re.IGNORECASE | re.MULTILINE)
+_BY_NUMBER = re.compile(
+    r"(?:\b(?:option|number) ?[#(]?|(?<=[:=] ))(\d{1,2}|[A-I])\b\)?(?!\.?\d|,? ?(?:or|and|/|,) ?(?:option )?\d)",
+    re.IGNORECASE,
+)
+
+
+def _by_number(text: str, names: ActionNames) -> str | None:
+    """Return what follows a numbered list of long names, with the names for their numbers; None without both."""
+    if any(map(is_mark, names.actions)) or len(items := [*_ITEM.finditer(text)][:_MARKERS_AT_MOST]) < _BOTH:
+        return None
+    named = {item[1].upper(): _first(fold(item[2]), names) for item in items}
+    if len(named) < len(items) or None in named.values():
+        return None
+    rest = text[text.find("\n", items[-1].end()) :] if "\n" in text[items[-1].end() :] else ""
+    said = _BY_NUMBER.sub(lambda one: named.get(one[1].upper()) or one[0], rest)
+    return said if said != rest else None
+
+
+def _first(text: str, names: ActionNames) -> str | None:
+    """Return the action that a text begins with."""
+    one = next(names.mentions(text), None)
+    return None if one is None or re.search(r"\w", text[: one.start]) else one.action
+
+
+_BOTH = 2
 _GAP = re.compile(r"\s{5,}")
 """Blank lines and columns of spaces, which say no more than one blank line or a few spaces do."""
 _ROBOT = re.compile(
@@ -191,20 +206,29 @@ _ROBOT = re.compile(
 )
 """What the robot does, with a reason, opens a reply: "The robot stops, since the floor is wet."."""
 _TURNS = re.compile(
-    r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*"
-    r"(?:(?:that|this|i|we|you|to|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}"
-    r"(?:turn|steer|go|bear|swing|veer|change|move)s?\s+"
-    r"(?:(?:the|car|robot|vehicle|wheel|us|lanes?|to|by|a|bit|little|hard|slightly|gently|sharply|\d+ ?(?:°"
-    r"|degrees))\s+){0,4}"
+    r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*(?:(?:that|this|i|we|you|to"
+    r"|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}(?:turn|steer|go|bear|swing|veer"
+    r"|change|move)s?\s+(?:(?:the|car|robot|vehicle|wheel|us|lanes?|to|by|a|bit|little|hard|slightly|gently|sharply"
+    r"|\d+ ?(?:°|degrees))\s+){0,4}"
     rf"{SIDE}",
     re.IGNORECASE,
 )
 """An order, or what follows from a number: "So turn right"."""
 
 
+_TURN_TAKEN = re.compile(
+    rf"\b(?:because|since|as) {TURN}{SIDE}(?: turn| by [\w°]+(?: degrees)?)?,? (?:gets|brings|takes|leads|lines|keeps"
+    r"|clears|avoids|passes|aligns|suffices|is (?:needed|enough|required|best|safest))\b"
+    r"(?! [^.,;!?\n]{0,20}\b(?:into|off|dead|collision|crash|away|wall|locked|closed|stairs)\b)",
+    re.IGNORECASE,
+)
+"""A turn as the reason of a choice: "since a left turn gets us to the door"."""
+
+
 def _turns_otherwise(text: str, side: str | None) -> bool:
-    """Return whether a reply orders only turns to another side than that of its action."""
-    said = set() if side is None else {match["side"].lower() for match in _TURNS.finditer(text)}
+    """Return whether a reply has only turns to another side than that of its action."""
+    found = () if side is None else (*_TURNS.finditer(text), *_TURN_TAKEN.finditer(text))
+    said = {match["side"].lower() for match in found}
     return len(said) == 1 and said != {side}
 
 
@@ -219,7 +243,7 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
         text = _CUT_OFF.sub(" ", text)
     if (wholly := _WHOLLY.fullmatch(text)) is not None and (bare := names.whole(wholly[1])) is not None:
         return Decision(bare)
-    folded = fold(_TAG.sub(lambda tag: _kept(tag, names), text))
+    folded = _ANEW_STATED.sub(r"\n\1\n", fold(_TAG.sub(lambda tag: _kept(tag, names), text)))
     if (marked := _marked(folded, names)) is not None:
         return marked
     read = _prose(folded, names)
@@ -233,10 +257,9 @@ _WHOLLY = re.compile(
 )
 """A mark and nothing else: "That's a 2.", "3 (free road)"."""
 _MEANT = re.compile(
-    r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er"
-    r"| down)|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b"
-    r"(?![^(\n]{0,50}\b(?:cars|trucks|vehicles|vans|people|persons|pedestrians|robots|doors|obstacles|boxes|things"
-    r"|leads)(?: \w+)? \()"
+    r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er| down)"
+    r"|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b(?![^(\n]{0,50}\b(?:cars|trucks|vehicles|vans|people"
+    r"|persons|pedestrians|robots|doors|obstacles|boxes|things|leads)(?: \w+)? \()"
     r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))(?:,?\s(?:because|since)\b[^.!?\n(]{1,120})?[.!\s]*$",
     re.IGNORECASE,
 )
@@ -413,11 +436,10 @@ _HOLDS = re.compile(
 )
 """Keys whose objects are about the action."""
 _MOVES = re.compile(
-    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn"
-    r"|turning|steer|heading"
-    r"|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route|recommendations?"
-    r"|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json|value|content"
-    r"|message)",
+    r"(?:(?:ego|own|my|the|current|planned|next|vehicle|robot|car)_)*(?:movement|motion|drive|driving|turn|turning"
+    r"|steer|heading|ego|vehicle|car|self|robot|rover|agent|lateral|longitudinal|lane_change|trajectory|path|route"
+    r"|recommendations?|predictions?|step|action_?\d+|(?:control_)?signals?|high_level|low_level|policy|data|json"
+    r"|value|content|message)",
     re.IGNORECASE,
 )
 """Keys whose objects are about the own motion or self, or that only wrap another object."""
@@ -623,11 +645,9 @@ _CODED = re.compile(
 """A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
 _CALLS = re.compile(r"\w\(")
 _DOES = re.compile(
-    r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output"
-    r"|next|best"
-    r"|final|chosen|selected|sel|out|cmd|policy|behaviou?r|ans)(?:_(?:action|option|choice|command|cmd|id|bin"
-    r"|letter|move))?"
-    r"|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
+    r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next"
+    r"|best|final|chosen|selected|sel|out|cmd|policy|behaviou?r|ans)(?:_(?:action|option|choice|command|cmd|id|bin"
+    r"|letter|move))?|action_id|cmd_id|(?:move|drive|go)(?=_?$)",
     re.IGNORECASE,
 )
 _MOVES_BY = frozenset(["move", "drive", "go", "run", "print", "turn"])
@@ -701,17 +721,25 @@ def _without_code(text: str, names: ActionNames) -> str:
     return " ".join([*parts, text[done:]])
 
 
-_VOTE = re.compile(
-    r"^[^\w\n]{0,8}([^\n:=]{1,80}?)[ \t\"')]{0,3}[:=-][ \t]{0,3}(yes|no)[ \t.!]{0,3}$", re.IGNORECASE | re.MULTILINE
-)
+_VOTE = re.compile(r"[✅✓✔☑❌✗✘✖✕]|[:=-][ \t\"')]{0,3}(?:yes|no)(?=[ \t.!]*$)", re.IGNORECASE)
+_VOTED = re.compile(r"[\s>•|+*]*(?:- )?(.{1,80}?)[\s\"'*]*(?:[:|(=-](?!\d)|$)")
+_NO_VOTE = re.compile(r"\?|\b(?:block|obst|dang|unsafe|risk|occup|hazard|coll|tak|wall|wrong)\w*", re.IGNORECASE)
+"""Words before votes that do not ask for the best action: "Blocked:"."""
 
 
 def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
-    """Yield the one action with a yes, if every action has a line with yes or no."""
-    found = [(names.whole(one.group(1)), one) for one in _VOTE.finditer(fold(text))]
-    voted = [one for action, one in found if action is not None and one.group(2).lower() == "yes"]
-    if {action for action, _ in found} >= set(names.actions) and len(found) == len(names.actions) and len(voted) == 1:
-        yield _Statement(voted[0].start(), found[-1][1].end(), names.whole(voted[0].group(1)))
+    """Yield the one action with a yes or a tick, if every action has a line with a yes, a no, a tick or a cross."""
+    lines = [(line, _VOTE.findall(line[0])) for line in re.finditer(r"[^\n]+", text) if _VOTE.search(line[0])]
+    found = [
+        (None if (said := _VOTED.match(_VOTE.sub("|", fold(line[0])))) is None else names.whole(said[1]), line, votes)
+        for line, votes in lines
+    ]
+    voted = [one for one in found if one[2][0][-1] in "sS✅✓✔☑"]
+    once = len(found) == len(names.actions) and {action for action, _, _ in found} == set(names.actions)
+    if once and len(voted) == 1 and not any("?" in line[0] or len(votes) > 1 for _, line, votes in found):
+        start = found[0][1].start()
+        bad = _NO_VOTE.search(text, text.rfind("\n", 0, max(0, start - 1)) + 1, start)
+        yield _Statement(start, found[-1][1].end(), None if bad else voted[0][0], "not_chosen" if bad else None)
 
 
 def _marked(text: str, names: ActionNames) -> Decision[str] | None:
@@ -736,6 +764,14 @@ def _marked(text: str, names: ActionNames) -> Decision[str] | None:
     if not _FINAL.search(label) and any(not re.search(r"\w", text[one[2] : start]) for one in differ):
         return unparsed("several_actions")
     return last
+
+
+_ANEW_STATED = re.compile(
+    r"((?:^|[.!;\n])\W{0,4}(?:no,? )?(?:wait|hold on|actually|correction|hmm+|oops)\b[^\n]{0,200}?[.!,;:]) "
+    rf"(?=(?:final )?(?:{_LABELS}) ?:)",
+    re.IGNORECASE,
+)
+"""What comes before a statement that corrects an earlier one."""
 
 
 def _is_no_input(label: str, start: int, end: int, text: str) -> bool:
