@@ -18,7 +18,8 @@ PROJECTS := pyproject.toml organisms/pyproject.toml
 # Python keeps what it compiled, also where the environment says otherwise: else each start of a command compiles it anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+# What nobody imports is not compiled; what somebody does, Python compiles and keeps.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 
 # One process more than there are processors: many tests wait for a server, a child or a clock.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(min(8, 1 + (os.cpu_count() or 1)))')
@@ -130,9 +131,10 @@ format: $(DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# What continuous integration checks needs no list of each page's names beside it, which takes a third of the build.
+# What continuous integration checks needs no list of each page's names beside it, which takes a third of the build, and
+# no defaults as the source writes them, for which the source of each function is parsed again.
 docs: $(DOCS)
-	$(BIN)/python -m sphinx -E -W --keep-going -q $(if $(SHORT),-D toc_object_entries=0 )-b html docs build/docs
+	$(BIN)/python -m sphinx -E -W --keep-going -q $(if $(SHORT),-D toc_object_entries=0 -D autodoc_preserve_defaults=0 )-b html docs build/docs
 	$(BIN)/python docs/check_site.py build/docs
 
 # Both distributions, their contents checked, and tried in a fresh environment of the Python that make uses; for a release
@@ -292,10 +294,12 @@ clean:
 	rm -rf $(VENV) demo ladder hierarchy build dist organisms/build
 
 # ON=.venv makes an environment that sees the packages of that one too, pip among them, and installs only what it lacks.
+# The pip that comes with a Python may be an old one, which takes twice as long to choose among all versions.
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "eyechart needs Python 3.11 or newer; give it with: make PYTHON=python3.11 ..."; exit 1; }
 	$(PYTHON) -m venv $(if $(ON),--without-pip )$(VENV)
+	$(if $(ON),,$(PIP) pip)
 	$(if $(ON),there=$$(realpath $(ON)/lib/python*/site-packages) && cd $(VENV)/lib/python*/site-packages && echo "$$there" > on.pth)
 
 $(CORE): $(VENV)/bin/python $(PROJECTS) constraints.txt
@@ -314,10 +318,9 @@ $(MODELS): $(DEV)
 	$(PIP) -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray]'
 	@touch $@
 
-# All that the checks need, in one go, where all of them are run: continuous integration. What nobody imports is not
-# compiled.
+# All that the checks need, in one go, where all of them are run: continuous integration.
 $(EXTRAS): $(VENV)/bin/python $(PROJECTS) constraints.txt
-	$(PIP) --no-compile -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray,docs,browser]' -e ./organisms
+	$(PIP) -e '.[dev,hub,parquet,lerobot,hdf5,film,transformers,serve,ray,docs,browser]' -e ./organisms
 	@touch $(CORE) $(DEV) $(MODELS) $(DOCS) $(BROWSER) $@
 
 extras: $(EXTRAS)

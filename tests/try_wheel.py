@@ -105,16 +105,15 @@ def requirements(python: str, version: str, place: Path, dist: Path) -> Path:
         needed = [one for one in named if "extra ==" not in one]
         part = kept.with_name(f"{version}.part")
         shutil.rmtree(part, ignore_errors=True)
-        pip = (python, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-compile")
-        run(*pip, "--target", part, "-c", ROOT / "constraints.txt", *needed)
+        install(python, *needed, "-c", ROOT / "constraints.txt", "--target", part)
         part.rename(kept)
     return kept
 
 
-def install(python: Path, dist: Path, what: str) -> None:
-    """Install from the folder of wheels alone."""
+def install(python: str | Path, *what: str | Path) -> None:
+    """Install for a Python by the pip of this one; nothing that nobody imports is compiled."""
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", python, "install", "--quiet")
-    run(*pip, "--no-index", "--find-links", dist, what)
+    run(*pip, "--no-compile", *what)
 
 
 def try_in(python: str, dist: Path, *, whole: bool) -> str:
@@ -131,13 +130,14 @@ def try_in(python: str, dist: Path, *, whole: bool) -> str:
     own = place / "venv" / "bin" / "python"
     packages = run(own, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip()
     (Path(packages) / "requirements.pth").write_text(f"{needed}\n", encoding="utf-8")
-    install(own, dist, "eyechart")
+    from_dist = ("--no-index", "--find-links", dist)
+    install(own, *from_dist, "eyechart")
     command, empty = own.with_name("eyechart"), place / "empty"
     empty.mkdir()
     if whole:
         expect("16 of 16 verdicts are as the controllers declared.", run(command, "demo", cwd=empty))
     else:
-        run(command, "frames", "build", "highway", "--seeds", "0,1", "--steps", "12", "--out", "demo/bank-0", cwd=empty)
+        run(command, "frames", "build", "highway", "--seeds", "0,1", "--steps", "8", "--out", "demo/bank-0", cwd=empty)
     # On these frames, at most half of what a look would stage anew: the README's test stages that.
     expect("Yes. It may be tried", run(command, "look", "scripted:depth", "--frames", "demo/bank-0", cwd=empty))
     for words, extras in MISSING if whole else MISSING[:1]:
@@ -145,7 +145,7 @@ def try_in(python: str, dist: Path, *, whole: bool) -> str:
         expect(f"needs eyechart-organisms: pip install 'eyechart[{extras}]'", said)
         if "Traceback" in said or not {path.name for path in empty.iterdir()} <= {"demo", "looks"}:
             sys.exit(f"try_wheel: {' '.join(words)} left something, or broke:\n{said}")
-    install(own, dist, "eyechart[organisms]")
+    install(own, *from_dist, "eyechart[organisms]")
     run(own, "-c", FOUND, cwd=empty)
     expect(
         "Targets:", run(command, "calibrate", "--replications", "1", "--setting", "small_10", cwd=empty, codes=(0, 1))
