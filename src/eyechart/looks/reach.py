@@ -7,7 +7,7 @@ from eyechart.errors import SpecError
 from eyechart.frames import FrameBank
 from eyechart.run import spread
 from eyechart.studies.battery.odds import NOISE, odds_of
-from eyechart.studies.battery.reach import reach_of
+from eyechart.studies.battery.reach import _reach
 
 POWER = 0.80
 SMALL = 216
@@ -22,7 +22,7 @@ _OF_MOVED = (
 )
 STANDS_FOR: Mapping[str, tuple[str, ...]] = {
     "Yes": ("depth",),
-    "In part": ("content", "depth_associated", "partial_depth"),
+    "In part": ("partial_depth", "depth_associated", "content"),
     "No": ("image_invariant",),
 }
 """The labels that show whether a bank can give an answer; one of them is enough."""
@@ -44,12 +44,12 @@ class SampleReach:
         """Return the reach of ``frames`` frames, for models with the planned noise floor."""
         some = replace(bank, frames=spread(bank.frames, frames))
         odds = odds_of(some, draws=_DRAWS, reads=(1.0,))
-        lacking, reached = {}, reach_of(some)
+        lacking = {}
         for name, labels in STANDS_FOR.items():
-            each = [one for one in reached if one.label in labels]
-            if not any(one.reached for one in each):
-                more = f"; {each[0].words}" if each[0].more is not None else ""
-                lacking[name] = f"{each[0].lacks}{more}"
+            first = _reach(labels[0], some)
+            if not first.reached and not any(_reach(label, some).reached for label in labels[1:]):
+                more = f"; {first.words}" if first.more is not None else ""
+                lacking[name] = f"{first.lacks}{more}"
         return cls(frames, {"Yes": odds.depth["1"], "In part": None, "No": odds.image_invariant}, lacking)
 
     @property
