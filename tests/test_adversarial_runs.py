@@ -3,7 +3,6 @@
 import importlib
 import json
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,23 +28,12 @@ def measure(folder: Path) -> Iterator[Measure]:
     """Return a function that measures groups in a world, in this process, and returns what is said of the world.
 
     What a controller does in truth is found from a third of the draws: of all newcomers the same as from all of them.
-    Its answers are drawn once for all that is asked of its truth.
     """
-    kept: dict[object, Any] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCHMARKS)
         truth, runs = (importlib.import_module(name) for name in ("adversary_truth", "adversarial_runs"))
         for name, draws in {"DRAWS": 16, "CURVE_DRAWS": 8, "WARM": 1000}.items():
             patch.setattr(truth, name, draws)
-        answers = truth._answers
-
-        def answers_once(opened: partial[Any], pictures: object, look: str) -> object:
-            asked = (opened.args, id(pictures), look)
-            if asked not in kept:
-                kept[asked] = answers(opened, pictures, look)
-            return kept[asked]
-
-        patch.setattr(truth, "_answers", answers_once)
 
         def run(world: str, group: str) -> dict[str, Any]:
             result = folder / "adversaries.json"
