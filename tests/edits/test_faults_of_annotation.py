@@ -70,7 +70,7 @@ def edited(folder: Path, moments: tuple[Moment, ...], out: Path, change: Change)
         folder / "photos", Annotations(tuple(change(photo_of(one)) for one in moments), ()), folder, cut="box"
     )
     moves = Moves((2.6, 4.4), (18, 27), 2.0, 1.2, limits=EditLimits(least_px=5))
-    record = edited_worlds.edit(source, moves, out)
+    record = edited_worlds.edit(source, moves, out, of_lead=True)
     by_file = {one.file: one for one in moments}
     gaps = {
         file: {

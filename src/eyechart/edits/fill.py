@@ -124,9 +124,12 @@ def _road(picture: Planes, hole: Mask, seen: Mask, lines: Lines) -> tuple[Planes
             break
         x0, y0, x1, y1 = box_of(todo)
         window = np.s_[y0:y1, x0:x1]
-        part = scaled(planes, scale, lines, window=Box(x0, y0, x1, y1))
-        take = todo[window] & (part[..., 3] > _SEEN)
-        made[window][take] = part[take][:, :3] / part[take][:, 3:]
+        box = Box(x0, y0, x1, y1)
+        share = scaled(planes[..., 3:], scale, lines, window=box)
+        take = todo[window] & (share[..., 0] > _SEEN)
+        if not take.any():  # nor are its colours needed
+            continue
+        made[window][take] = scaled(planes[..., :3], scale, lines, window=box)[take] / share[take]
         road[window] |= take
         todo[window] &= ~take
     return made, road

@@ -105,11 +105,9 @@ def scaled(planes: Planes, scale: float, lines: Lines, shift: float = 0.0, windo
     first_row = (top + 0.5 - lines.horizon) / scale + lines.horizon - 0.5 - rows[0]
     first_column = (left + 0.5 - shift - lines.column) / scale + lines.column - 0.5 - columns[0]
     for number in range(planes.shape[2]):
-        plane = (
-            gaussian_filter(part[..., number], sigma, truncate=_REACH, mode="constant") if sigma else part[..., number]
-        )
+        plane = np.ascontiguousarray(part[..., number], np.float32)
         affine_transform(
-            np.ascontiguousarray(plane, np.float32),
+            gaussian_filter(plane, sigma, truncate=_REACH, mode="constant") if sigma else plane,
             (1 / scale, 1 / scale),
             (first_row, first_column),
             output_shape=made.shape[:2],
