@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from itertools import chain, islice
 from pathlib import Path
@@ -108,7 +108,7 @@ def kept(
     """Return what ``make`` reads in a run's folder, or what it read before.
 
     ``request`` names the command and its settings, and ``beside`` the files that it reads elsewhere.
-    Every byte of the run is hashed each time, but for pictures. With ``fresh`` the run is read anew,
+    Every byte of the run is hashed by each process, but for pictures. With ``fresh`` the run is read anew,
     and that is kept. Nothing is kept where the folder cannot be written, the run changed meanwhile,
     or ``make`` warned.
     """
@@ -240,10 +240,20 @@ def _seen(folder: Path, request: Sequence[object]) -> _RunState:
     digest = hashlib.sha256(json.dumps([_program(), os.fspath(folder), request]).encode())
     for one in files:
         is_picture = one.path.lower().endswith(_PICTURES)
-        content = f"{one.size} {one.changed}" if is_picture else _hashed(one.path)
+        content = f"{one.size} {one.changed}" if is_picture else _content(one, since)
         digest.update(f"{one.path}\0{content}\n".encode(errors="surrogateescape"))
     digest.update("".join(f"{one[:4]}\n" for one in others).encode(errors="surrogateescape"))
     return _RunState(digest.hexdigest(), (files, others), since)
+
+
+def _content(file: _FileState, now: int) -> str:
+    """Return the digest of a file's content, which one that nobody touched lately keeps in this process."""
+    return _hashed_in(file) if max(file.changed, file.touched) <= now - _YOUNG_NS else _hashed(file.path)
+
+
+@lru_cache(maxsize=256)
+def _hashed_in(file: _FileState) -> str:
+    return _hashed(file.path)
 
 
 def _states(folder: Path) -> tuple[list[_FileState], list[_FileState]]:
