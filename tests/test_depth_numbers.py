@@ -9,6 +9,7 @@ from drawn import HOLE, by_hand
 from eyechart.stats.order import Density, Order, Rise
 from eyechart.stats.paired_tests import Places, SignTest
 from eyechart.stats.statistic import Statistic, not_available
+from eyechart.studies.battery.tables import depth_table
 from eyechart.verdicts import Verdict, judge_one
 from eyechart.verdicts.battery_rules import DISTANCE
 from eyechart.verdicts.depth import named
@@ -109,6 +110,15 @@ def test_a_verdict_says_its_answer_then_why() -> None:
     assert next(iter(one.measures.items())) == ("does not answer", "in `blocked`: 0 of 36")
     assert ">In part <" in one._repr_html_()
     assert f"I{_HOLE[1:]}" in one._repr_html_()
+
+
+def test_the_table_says_the_level_of_each_interval() -> None:
+    """They are not of one level, so that its caption names none."""
+    table = depth_table([("by-hand", None, verdict(order=replace(by_hand()["order"], level=0.98)))])  # type: ignore[list-item]
+    at = [column.name for column in table.columns].index("level")
+    levels = {str(row[1]): row[at] for row in table.rows}
+    assert (levels["order"], levels["sensitivity"], levels["rise"]) == ("98 %", "95 %", "")
+    assert "%" not in table.caption
 
 
 def first_line(one: Verdict) -> str:

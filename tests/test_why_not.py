@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import by_hand
+import drawn
 import simulated
 from eyechart.frames import Frame
 from eyechart.gate import hold
 from eyechart.spaces.space import Decision
 from eyechart.stats.agreement import SwapRate
-from eyechart.stats.paired_tests import BoxedTurns, DiscordantPairs, pairs_to_bound
+from eyechart.stats.paired_tests import BoxedTurns, DiscordantPairs, Places, pairs_to_bound
 from eyechart.stats.statistic import Statistic
 from eyechart.studies.battery.answers import Answers
 from eyechart.studies.battery.paper_statistics import Resampling
@@ -43,6 +44,11 @@ def evidence_on(answered: Answers, *, gap: bool = True) -> Evidence:
 def verdict_on(rule: simulated.Rule, world: tuple[Frame, ...] = WORLD, **how: object) -> Verdict:
     """Return the verdict on a rule."""
     return judge_one(evidence_on(simulated.answers(rule, world, **how)))
+
+
+def judged(found: by_hand.Found) -> Verdict:
+    """Return the verdict on statistics that were written down by hand."""
+    return judge_one(by_hand.evidence(found, replies=by_hand.ASKED))
 
 
 def constant(condition: str, frame: Frame, rng: np.random.Generator) -> str:
@@ -435,6 +441,74 @@ def test_exchange_alone_does_not_meet_turns_to_the_clear_side() -> None:
     for answered, found in ((whole, [True, True, True]), (replace(whole, frames=bare), [True, None, None])):
         checks = hold(Run(evidence_on(answered)), ["swaps", "turns_clear", "depth_lateral"]).checks
         assert [check.holds for check in checks] == found
+
+
+def test_whoever_follows_the_file_is_told_that_no_frames_settle_it() -> None:
+    """No bound below a margin is asked of it, and no frames: each picture wants an answer of its own."""
+    why = judged(by_hand.reader(file=Statistic(1.0, 144, p=0.0001))).why_not
+    assert (why.label, why.decided_by, why.frames) == ("depth_associated", "file", None)
+    assert why.needs == "p of 0.001 at least"
+    assert why.settle == "an answer to each picture of its own: no cache, and no memory of files"
+
+
+def test_so_many_frames_are_named_as_fill_the_windows_of_the_range() -> None:
+    """48 frames show 96 drawn distances, which are no frames; as many as are named do."""
+    why = verdict_on(graded, simulated.frames(scenarios=4, episodes=4, steps=3)).why_not
+    assert (why.label, why.decided_by, why.statistic.n) == ("depth", "drawn_distances", 96)
+    assert why.settle == f"about {why.frames} frames, if the rest are like these 48"
+    assert 48 < why.frames < 96
+    empty = replace(by_hand.reader()["drawn_distances"], fewest=0)
+    none = judged(by_hand.reader(drawn_distances=empty)).why_not
+    assert (none.frames, none.settle) == (None, "more than these 144 frames: a window holds none")
+
+
+def test_where_a_hole_is_the_reason_partial_depth_is_named_at_best() -> None:
+    """More frames may show the rest, and leave the place as it is; a place that is open besides is no reason."""
+    open_place = Places(1.0, 144, note="in `light`", places=())
+    changed = {"holes": Places(1.0, 144, places=(drawn.HOLE,)), "place_open": open_place}
+    verdict = judged(by_hand.reader(**changed, order=Statistic(0.05, 144, (0.0, 0.4))))
+    why = verdict.why_not
+    assert (verdict.calibrated.label, why.label, why.decided_by) == ("depth_associated", "partial_depth", "order")
+    assert why.settle.startswith("more frames, in more episodes")
+    assert why.settle.endswith("that is partial_depth at best, for its braking hardly answers in `blocked`: 0 of 36")
+    file = judged(by_hand.reader(**changed, file=by_hand.SILENT)).why_not
+    assert (file.label, file.decided_by) == ("partial_depth", "file")
+
+
+def test_places_that_were_not_tested_are_said_to_be() -> None:
+    """All else holds, so that nothing else keeps it from depth."""
+    verdict = judged(by_hand.reader(holes=by_hand.SILENT))
+    assert verdict.calibrated.label == "depth_associated"
+    assert (verdict.why_not.label, verdict.why_not.decided_by) == ("depth", "holes")
+    assert verdict.why_not.needs == "an effect in every place"
+
+
+def test_a_number_that_is_refuted_names_what_depth_needs_of_it() -> None:
+    """Not what would just not refute it: of that the rule has two ways, of which one shows nothing."""
+    why = judged(by_hand.reader(order=Statistic(0.3, 144, (0.2, 0.4)))).why_not
+    assert (why.label, why.decided_by, why.needs) == ("depth", "order", "upper end < 0.15")
+    kind = judged(by_hand.reader(order_near_far=Statistic(0.3, 144, (0.2, 0.4)))).why_not
+    assert "else named" not in kind.needs
+    assert " or " in kind.needs
+
+
+def test_a_command_of_a_simulator_is_named_to_rendered_pictures_alone() -> None:
+    """Nothing is drawn of photographs: each moment has to be taken again."""
+    given = replace(evidence_on(simulated.answers(graded, WORLD, controls=())), absent=simulated.RANGED)
+    assert "eyechart frames build" in judge_one(given).why_not.first
+    for made in ("staged", "edited", ""):
+        why = judge_one(replace(given, made=made)).why_not
+        assert why.first.startswith("pictures that the bank lacks: of photographs, each moment again (lead_drawn: ")
+        assert "eyechart" not in why.settle
+
+
+def test_a_verdict_s_json_says_what_is_not_excluded() -> None:
+    """The sentence that names it stands beside it."""
+    found = by_hand.reader(order_near_far=Statistic(0.05, 144, (0.0, 0.26)))
+    verdict = judged(found)
+    assert verdict.as_dict()["open_to"] == ["that comparisons of near and far distances come out the wrong way round"]
+    assert "What is named as not excluded stays open." in verdict.as_dict()["trust"]
+    assert judged(by_hand.reader()).as_dict()["open_to"] == []
 
 
 def test_a_reader_that_declines_edited_pictures_is_told_that_it_does() -> None:

@@ -117,7 +117,7 @@ def test_a_run_says_before_a_call_what_so_few_frames_cannot_show(
     words = ["run", "battery", "--model", "scripted:constant", "--frames", str(demo.bank), "--out", str(tmp_path / "r")]
     planned = CliRunner().invoke(app, [*words, *more, "--dry-run"])
     assert planned.exit_code == 0
-    said = re.findall(r"cannot show, for any model: (.*); 'eyechart plan", planned.stderr)
+    said = re.findall(r"no simulated controller that was tried gets: (.*); 'eyechart plan", planned.stderr)
     assert len(said) == bool(never)
     tables = ", ".join(said).split(", ")
     assert set(never) <= set(tables)

@@ -42,7 +42,7 @@ def test_few_frames_are_said_to_be_few_and_how_many_would_do(half: FrameBank) ->
     assert len(few) == 24
     one = reached(few)["depth"]
     assert not one.reached
-    assert "a model that deserves it gets depth_associated" in one.lacks
+    assert "a simulated model that deserves it gets depth_associated" in one.lacks
     assert one.more is not None
     assert 24 < one.more <= 72
     assert one.words == f"with about {one.more} more frames"
@@ -106,3 +106,26 @@ def test_a_label_that_no_controller_deserves_is_told_by_what_its_rule_reads(
     told = reached(one)["scene_cue"]
     assert (told.reached, told.more) == (False, None)
     assert told.lacks.startswith("its rule reads scene_cue: ")
+
+
+def test_few_frames_reach_a_place_that_is_blind_and_turns_that_are_frequent(half: FrameBank) -> None:
+    """Of 72 frames a scenario holds too few to bound its effect, and turns far away alone are too few."""
+    found = reached(half)
+    assert found["partial_depth"].reached
+    assert found["depth_lateral"].reached
+
+
+@pytest.mark.parametrize("label", ["depth_lateral", "partial_depth"])
+def test_a_label_is_tried_with_every_controller_that_deserves_it(
+    half: FrameBank, label: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last one may get what the first one does not; where none does, the first one's reason is told."""
+    first = reach._CONTROLLERS["image_invariant"]
+    monkeypatch.setattr(reach, "MOST_FRAMES", 150)
+    monkeypatch.setattr(reach, "_CONTROLLERS", {**reach._CONTROLLERS, label: (*first, *reach._CONTROLLERS[label])})
+    assert reach._kept_from(label, half, half.frames) == ""
+    monkeypatch.setattr(reach, "_CONTROLLERS", {**reach._CONTROLLERS, label: first})
+    told = reach._reach(label, half)
+    assert (told.reached, told.more) == (False, None)
+    assert told.lacks.startswith("a simulated model that deserves it gets image_invariant: ")
+    assert told.lacks.endswith("(on 144 frames, the most that were tried)")

@@ -80,7 +80,7 @@ class Verdict:
             "paper_because": self.paper.because,
             "paper_decided_by": self.paper.decided_by,
             "lateral_because": self.lateral.because,
-            **to_json_fields(self, "holes evidence made rests_on_controls trust scope notes why_not"),
+            **to_json_fields(self, "holes open_to evidence made rests_on_controls trust scope notes why_not"),
             "failed_guards": list(self.marks),
             "unfinished": self.unfinished and dict(zip(("finished", "planned"), self.unfinished, strict=True)),
             "stopped_early": self.stopped and self.stopped.as_dict(),

@@ -15,24 +15,33 @@ from eyechart.stats.statistic import Statistic
 from eyechart.verdicts.battery_rules import BOXED, STRICT, frames_to_bound, turns_to_tell
 from eyechart.verdicts.depth import (
     AS_TAKEN,
+    DENSE,
+    EVEN,
+    NO_FILE,
     NO_OPEN_PLACE,
     PATCHED_BOUND,
     REFUTING,
+    SHOWN,
     STAGE,
+    UNFOLLOWED,
     UNSHOWN,
     frames_to_exclude,
+    holes,
     is_refuted,
+    named,
 )
 from eyechart.verdicts.early_verdicts import PREFIX
 from eyechart.verdicts.evidence import Evidence
 from eyechart.verdicts.labels import ALPHA, BOUND_ALPHA, LABELS, MARGIN, UNPARSED_CUT
-from eyechart.verdicts.rules import Clause, NamedStatistics
+from eyechart.verdicts.numbers import needs_of
+from eyechart.verdicts.rules import Clause, NamedStatistics, compared, number_of
 from eyechart.verdicts.ruling import Ruling, measured
 
 NOTHING = "nothing on frames like these: the test was made, and says no"
 _NOT_SHOWN = "nothing on frames like these: the test was made, and shows no effect, nor excludes one"
 _BOUNDED = f"nothing on frames like these: the effect of content is bounded below {MARGIN}"
 _DECISIONS = "replies that hold a decision: another output format, or a larger budget of tokens"
+_EVERYWHERE = compared("holes", "value", "<=", 0.0, needs="an effect in every place")
 MOVED = ("lead_near", "lead_far")
 PHOTOGRAPHED = {
     "lead_near": "the lead near",
@@ -97,7 +106,7 @@ def why_not(evidence: Evidence, ruling: Ruling, lateral: Ruling) -> WhyNot | Non
         return _stopped(evidence, label) if label in _EARLY else None
     made: dict[str, Callable[[], WhyNot]] = {
         "not_scorable": lambda: WhyNot(ANY, name, ruling.statistic, f"at most {UNPARSED_CUT}", _DECISIONS),
-        "partial_depth": lambda: WhyNot("depth", name, found["holes"], "an effect in every place", NOTHING),
+        "partial_depth": lambda: _by_clause("depth", _EVERYWHERE, found, NOTHING),
         "depth_associated": lambda: _not_depth(evidence),
         "content": lambda: _not_associated(evidence),
         "undecided": lambda: _undecided(found, name, ruling.statistic),
@@ -118,9 +127,8 @@ def _by_test(label: str, name: str, found: NamedStatistics) -> WhyNot:
     return WhyNot(label, name, found[name], f"p below {ALPHA}", settle, frames)
 
 
-def _by_file(label: str, found: NamedStatistics) -> WhyNot:
-    settle = "an answer to each picture of its own: no cache, and no memory of files"
-    return WhyNot(label, "repeat_over_nudged", found["repeat_over_nudged"], f"p of {ALPHA} at least", settle)
+def _by_file(label: str, clause: Clause, found: NamedStatistics) -> WhyNot:
+    return _by_clause(label, clause, found, "an answer to each picture of its own: no cache, and no memory of files")
 
 
 def _by_pictures(label: str, name: str, evidence: Evidence, missing: tuple[str, ...], needs: str) -> WhyNot:
@@ -198,12 +206,25 @@ def _not_depth(evidence: Evidence) -> WhyNot:
         elif missing := tuple(one for one in (*MOVED, *STAGE) if one not in replies):
             return _by_pictures("depth", name, evidence, missing, "an answer")
         return WhyNot("depth", name, found[name], "an answer", settle)
-    clause = next(one for one in UNSHOWN if one.holds(found) is not True)
+    hardly = named(holes(found))
+    needs = [one for one in (*UNSHOWN, _EVERYWHERE) if not (hardly and one in {NO_OPEN_PLACE, _EVERYWHERE})]
+    why = _not_shown(evidence, next(one for one in needs if one.holds(found) is not True))
+    if not hardly:
+        return why
+    settle = f"{why.settle}; that is partial_depth at best, for its braking hardly answers {hardly}"
+    return replace(why, label="partial_depth", settle=settle)
+
+
+def _not_shown(evidence: Evidence, clause: Clause) -> WhyNot:
+    """Say of a condition what would show it."""
+    found, replies = evidence.statistics, evidence.replies
     one = clause.read(found)
     missing = tuple(name for name in clause.conditions if name not in replies)
     if clause.outcome(found) is None and missing:
         return _by_pictures("depth", clause.statistic, evidence, missing, "an answer")
     settle = f"more frames, in more episodes: there are {one.n}" if one.n else f"decisions on its pictures: {one.note}"
+    if clause in {DENSE, EVEN} and clause.outcome(found) is False:
+        return _not_dense(clause, found)
     if clause is AS_TAKEN:
         settle = NOTHING if one.p is not None else f"more episodes, or gaps of photographs as taken: {one.note}"
     elif clause is PATCHED_BOUND:
@@ -218,6 +239,18 @@ def _not_depth(evidence: Evidence) -> WhyNot:
     return _by_clause("depth", clause, found, settle)
 
 
+def _not_dense(clause: Clause, found: NamedStatistics) -> WhyNot:
+    """Say about how many frames hold enough drawn distances, if the rest are like these."""
+    one, frames = clause.read(found), found["sensitivity"].n
+    (reading,) = clause.readings
+    share, wanted = number_of(one, reading.reads), float(reading.threshold)
+    if not share:
+        return _by_clause("depth", clause, found, f"more than these {frames} frames: a window holds none")
+    need = math.ceil(frames * wanted / share)
+    why = _by_clause("depth", clause, found, f"about {need} frames, if the rest are like these {frames}")
+    return replace(why, frames=need)
+
+
 def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
     """Say which pictures were not asked, and which the bank lacks: what they show, what draws them.
 
@@ -229,7 +262,7 @@ def _pictures(missing: tuple[str, ...], evidence: Evidence) -> tuple[str, str]:
     if lacks:
         shown = "; ".join(f"{name}: {PHOTOGRAPHED[name]}" for name in lacks if name in PHOTOGRAPHED)
         command = f"eyechart frames build --add-to {shlex.quote(evidence.bank)}"
-        if not {*MOVED, PATCHED} & set(lacks):
+        if evidence.made == "rendered" and not {*MOVED, PATCHED} & set(lacks):
             ways.append(f"'{command}' draws them of a simulator's world, then resume the run")
         ways.append(f"of photographs, each moment again ({shown})")
         ways[0] = f"pictures that the bank lacks: {ways[0]}"
@@ -243,10 +276,13 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     statistics = evidence.statistics
     interventional, observational = statistics["depth_interventional"], statistics["depth_observational"]
     if is_refuted(statistics):
-        return _by_clause("depth", next(one for one in REFUTING if one.holds(statistics) is False), statistics, NOTHING)
+        clause = next(one for one in REFUTING if one.holds(statistics) is False)
+        shown = any(one.statistic == clause.statistic for one in SHOWN)
+        why = _by_clause("depth", clause, statistics, NOTHING)
+        return replace(why, needs=needs_of(clause.statistic)) if shown else why
     first = observational if interventional.p is None else interventional
     if is_below(first.p):
-        return _by_file("depth", statistics)
+        return _by_file("depth", UNFOLLOWED, statistics)
     if interventional.p is not None:
         return _by_test("depth", "depth_interventional", statistics)
     settle = f"counterfactual pictures ({', '.join(MOVED)})"
@@ -260,9 +296,13 @@ def _not_associated(evidence: Evidence) -> WhyNot:
     return WhyNot("depth_associated", "depth_observational", observational, needs, settle, None, episodes, unasked)
 
 
+_OF_FILES = {"repeat_over_nudged": ("content", UNFOLLOWED), "file": ("depth_associated", NO_FILE)}
+"""What is undecided where a model follows the file: the nearest stronger label, and what it needs."""
+
+
 def _undecided(found: NamedStatistics, name: str, statistic: Statistic | None) -> WhyNot:
-    if name == "repeat_over_nudged":
-        return _by_file("content", found)
+    if name in _OF_FILES:
+        return _by_file(*_OF_FILES[name], found)
     if name == "repeats_together":
         return _by_test("content", "content_shuffled", found)
     label = "presence_only" if is_below(found["presence"].p) else "image_invariant"

@@ -212,7 +212,7 @@ class Battery(PlannedRun):
         return [f"{what}: up to {counted(more, 'call')} more, if a model's answers call for them"][: more > 0]
 
     def _out_of_reach(self) -> list[str]:
-        """Return the verdicts that so few frames cannot give, before they are paid for.
+        """Return the verdicts that so few frames gave no simulated controller, before they are paid for.
 
         Empty for a shard, and for a run without calls left.
         """
@@ -223,7 +223,7 @@ class Battery(PlannedRun):
         never = ", ".join(unreachable_labels(self.plan.bank, self.plan.frames, self.plan.conditions))
         more = f"'eyechart plan {self.manifest.bank_path}' says what does"
         size = len(self.plan.frames)
-        return [f"these {size} frames cannot show, for any model: {never}; {more}"][: bool(never)]
+        return [f"of these {size} frames no simulated controller that was tried gets: {never}; {more}"][: bool(never)]
 
     def _before(self) -> list[str]:
         """Return what stopping early guarantees, and the most and the typical number of calls."""

@@ -48,7 +48,7 @@ class BankPower:
 
     ``stopped_early`` maps a label to the calls with --stop-early if repeats never differ.
     ``cannot_say`` maps a test to the reason. ``odds`` say how often known kinds of models get their
-    labels; ``labels`` say whether each calibrated label can be reached.
+    labels; ``labels`` say whether a simulated model gets each calibrated label.
     """
 
     bank: str
@@ -83,7 +83,7 @@ class BankPower:
             )
             for label in self.labels
         )
-        named = (*columns("word", "label", "answer", "can be reached"), Column("power", "number", 2))
+        named = (*columns("word", "label", "answer", "a simulated model gets it"), Column("power", "number", 2))
         return Table("labels", "What this bank can say", (*named, Column("why not")), rows, self.odds.of_table)
 
     def as_dict(self) -> dict[str, object]:

@@ -1,15 +1,15 @@
 """Which labels a bank can give, and how many more frames it needs, by error-free controllers.
 
-Each label has a controller that deserves it. Its answers come from the bank's ground truth alone,
-without a picture, and the rules of a verdict judge them. Where they give another label, the bank is
-made longer.
+Each label has controllers that deserve it. Their answers come from the bank's ground truth alone,
+without a picture, and the rules of a verdict judge them. Where they give none of them the label,
+the bank is made longer. Another controller may get what these do not.
 """
 
 import random
 from collections import ChainMap
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -53,8 +53,8 @@ _NEEDS: Mapping[str, tuple[str, ...]] = {
 class Reach:
     """Whether a bank can give a label, and if not, how many ``more`` frames it needs.
 
-    ``more`` is None where no number of frames would do. ``lacks`` says in words what is missing; it
-    is empty where nothing is.
+    ``more`` is None where no number of frames that was tried would do. ``lacks`` says in words what
+    is missing, then on the longest bank tried; it is empty where nothing is.
     """
 
     label: str
@@ -65,7 +65,7 @@ class Reach:
 
     @property
     def words(self) -> str:
-        """Return in words whether the label can be reached."""
+        """Return in words whether a simulated model reaches the label."""
         if self.reached:
             return "yes"
         return "no" if self.more is None else f"with about {self.more} more frames"
@@ -77,7 +77,7 @@ def reach_of(bank: FrameBank) -> tuple[Reach, ...]:
 
 
 def unreachable_labels(bank: FrameBank, frames: tuple[Frame, ...], conditions: Collection[str]) -> list[str]:
-    """Return the labels that no model can get on these frames under these conditions.
+    """Return the labels that no controller that is tried gets on these frames under these conditions.
 
     Conditions of later stages count as run.
     """
@@ -111,19 +111,25 @@ def _reach(label: str, bank: FrameBank) -> Reach:
     if lacks := _lacks(label, bank):
         return Reach(label, answer, reached=False, lacks=lacks)
     if lacks := _kept_from(label, bank, bank.frames):
-        return Reach(label, answer, reached=False, more=_more(label, bank), lacks=lacks)
+        more, still = _more(label, bank)
+        return Reach(label, answer, reached=False, more=more, lacks=still or lacks)
     return Reach(label, answer, reached=True)
 
 
 def _kept_from(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> str:
-    """Return why the deserving controller does not get a label on these frames; "" where it does.
+    """Return why the first deserving controller does not get a label on these frames; "" where one does.
 
     For a label without such a controller, return the rule's test that stays untested for a reader
     of distance.
     """
     if label in _CONTROLLERS:
-        ruling = _ruled(label, bank, frames)
-        return "" if ruling.label == label else f"a model that deserves it gets {ruling.label}: {ruling.reason}"
+        kept = ""
+        for choose in _CONTROLLERS[label]:
+            ruling = _ruled(label, choose, bank, frames)
+            if ruling.label == label:
+                return ""
+            kept = kept or f"a simulated model that deserves it gets {ruling.label}: {ruling.reason}"
+        return kept
     found = _found(_depth, bank, frames)[0]
     untested = [
         next((one.statistic for one in rule.needs if one.outcome(found) is None and not one.untested), "")
@@ -152,22 +158,28 @@ def _lacks(label: str, bank: FrameBank) -> str:
     return "" if len(space.actions) > 1 else "the space has one action"
 
 
-def _more(label: str, bank: FrameBank) -> int | None:
-    """Return how many more frames like these would earn a label; None where none would."""
+def _more(label: str, bank: FrameBank) -> tuple[int | None, str]:
+    """Return how many more frames like these would earn a label.
+
+    None where none that are tried would, and what keeps it from the longest bank.
+    """
     count = len(bank)
 
-    def holds(frames: int) -> bool:
-        return not _kept_from(label, bank, tuple(_longer(bank.frames, frames)))
+    def kept(frames: int) -> str:
+        return _kept_from(label, bank, tuple(_longer(bank.frames, frames)))
 
-    times = [many for many in (2, 4, MOST_TIMES) if many * count <= MOST_FRAMES]
-    enough = next((many * count for many in times if holds(many * count)), None)
-    if enough is None:
-        return None
+    lacks = ""
+    for enough in (many * count for many in (2, 4, MOST_TIMES) if many * count <= MOST_FRAMES):
+        if not (still := kept(enough)):
+            break
+        lacks = f"{still} (on {enough} frames, the most that were tried)"
+    else:
+        return None, lacks
     least = enough // 2
     while enough - least > max(1, count // 16):
         middle = (least + enough) // 2
-        least, enough = (least, middle) if holds(middle) else (middle, enough)
-    return enough - count
+        least, enough = (middle, enough) if kept(middle) else (least, middle)
+    return enough - count, ""
 
 
 def _longer(frames: Sequence[Frame], count: int) -> Iterator[Frame]:
@@ -199,10 +211,10 @@ def _range_of(frames: Sequence[Frame], column: str) -> tuple[float, float]:
     return (min(known), max(known)) if known else (1.0, 1.0)
 
 
-def _ruled(label: str, bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
-    """Return the ruling on the controller that deserves a label, if the bank had these frames."""
+def _ruled(label: str, choose: "Choose", bank: FrameBank, frames: tuple[Frame, ...]) -> Ruling:
+    """Return the ruling on a controller that deserves a label, if the bank had these frames."""
     without = (*RANGED, *FURTHER) if label == "depth_associated" else ()
-    found, answers = _found(_CONTROLLERS[label], bank, frames, without)
+    found, answers = _found(choose, bank, frames, without)
     turns = False
     if label == "depth_lateral":
         known = ChainMap({"mirror_swap_rate": PaperStatistics(answers, _HOW).swaps()}, found)  # type: ignore[arg-type]
@@ -305,25 +317,28 @@ def _at(of: _Ideal, condition: str, place: int) -> float:
     return float(of.distances.get(condition, of.distances["real"])[of.partner(condition, place)])
 
 
-def _partial(of: _Ideal, condition: str, place: int) -> str:
-    """Brake by distance except in the largest scenario; with one scenario, except far away."""
+def _but_one_scenario(of: _Ideal, condition: str, place: int) -> str:
+    """Brake by distance except in the largest scenario."""
     names = [frame.scenario for frame in of.frames]
     blind = max(sorted(set(names)), key=names.count)
     said = _depth(of, condition, place)
-    if condition in NO_ROAD:
-        return said
-    if len(set(names)) > 1:
-        return of.by_level[0] if names[of.partner(condition, place)] == blind else said
-    return said if said == of.by_level[2] else of.by_level[0]
+    return of.by_level[0] if condition not in NO_ROAD and names[of.partner(condition, place)] == blind else said
 
 
-def _lateral(of: _Ideal, condition: str, place: int) -> str:
-    """Brake by distance; from five ninths of the range on, turn to the only clear side."""
+def _but_far(of: _Ideal, condition: str, place: int) -> str:
+    """Brake hardest in the near third of the range, and nowhere beyond it."""
+    said = _depth(of, condition, place)
+    return said if condition in NO_ROAD or said == of.by_level[2] else of.by_level[0]
+
+
+def _lateral(of: _Ideal, condition: str, place: int, *, beyond: float, one_in: int) -> str:
+    """Brake by distance; beyond a share of the range, in one in so many frames, turn to the only clear side."""
     near, far = of.ends
     said = _depth(of, condition, place)
-    if condition in NO_ROAD or _at(of, condition, place) < near ** (1 / 3) * far ** (2 / 3):
-        return said
     frame = of.frames[of.partner(condition, place)]
+    is_near = _at(of, condition, place) < near ** (1 - beyond) * far**beyond
+    if condition in NO_ROAD or is_near or key_seed("turn", frame.id) % one_in:
+        return said
     clear = [side for side, name in zip(("left", "right"), SIDES, strict=True) if frame.truth.get(name) is True]
     turn = next(
         (action for action in of.space.actions if len(clear) == 1 and clear[0] in action.lower()), of.by_level[0]
@@ -354,16 +369,16 @@ def _coin(of: _Ideal, condition: str, place: int) -> str:
     return tossed.choice(of.space.actions)
 
 
-_CONTROLLERS: Mapping[str, Choose] = {
-    "depth_lateral": _lateral,
-    "depth": _depth,
-    "partial_depth": _partial,
-    "depth_associated": _depth,
-    "content": _by_number(_of_picture),
-    "self_inconsistent": _coin,
-    "scene_cue": _by_number(_of_scenario),
-    "presence_only": lambda of, condition, _: of.by_level[2 if condition in NO_ROAD else 1],
-    "refusal_effect": lambda of, condition, _: "" if condition == "blank" else of.by_level[1],
-    "image_invariant": lambda of, _condition, _place: of.by_level[1],
+_CONTROLLERS: Mapping[str, tuple[Choose, ...]] = {
+    "depth_lateral": (partial(_lateral, beyond=2 / 3, one_in=1), partial(_lateral, beyond=0.0, one_in=2)),
+    "depth": (_depth,),
+    "partial_depth": (_but_far, _but_one_scenario),
+    "depth_associated": (_depth,),
+    "content": (_by_number(_of_picture),),
+    "self_inconsistent": (_coin,),
+    "scene_cue": (_by_number(_of_scenario),),
+    "presence_only": (lambda of, condition, _: of.by_level[2 if condition in NO_ROAD else 1],),
+    "refusal_effect": (lambda of, condition, _: "" if condition == "blank" else of.by_level[1],),
+    "image_invariant": (lambda of, _condition, _place: of.by_level[1],),
 }
-"""The controller that deserves each label and never errs."""
+"""The controllers that deserve each label and never err, in the order in which they are tried."""

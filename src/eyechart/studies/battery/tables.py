@@ -16,7 +16,6 @@ from eyechart.report.table import (
     Mark,
     Table,
     columns,
-    ends,
     in_words,
     marked,
     number,
@@ -104,16 +103,13 @@ def depth_table(everyone: Sequence[JudgedModel]) -> Table:
     rows = tuple(
         (
             *(label, one.name, Mark(one.outcome, TONES.get(one.outcome, "open"), SIGNS[one.outcome])),
-            *(one.statistic.value, ends(one.statistic), one.statistic.n, one.statistic.p),
-            *(one.threshold, one.asks),
+            *(*statistic_cells(one.statistic), one.threshold, one.asks),
         )
         for label, _, verdict in everyone
         for one in verdict.numbers
     )
-    named = (*columns("word", "model", "number", "outcome"), *(one for one in STATISTIC if one.name != "level"))
-    texts = columns("text", "depth needs", "asks")
-    caption = "What depth rests on; intervals are of 90%, over whole episodes"
-    return Table("depth", caption, (*named, *texts), rows)
+    named, texts = columns("word", "model", "number", "outcome"), columns("text", "depth needs", "asks")
+    return Table("depth", "What depth rests on; intervals are over whole episodes", (*named, *STATISTIC, *texts), rows)
 
 
 def frontier_rows(score: ModelScore) -> dict[str, str]:
