@@ -266,9 +266,8 @@ _CHOSEN_AFTER = re.compile(
     r"|go with|recommend)\b|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best"
     r"|the (?:best|safest)))\b|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen"
     r"|selected)(?=[\s.!]*$)|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b|\s+is the (?:only )?(?:action"
-    r"|option|one|choice) that (?:points|leads|brings|keeps|avoids)\b(?![^.,;!?@]*\b(?:into|off|away|(?:at|to|towards)"
-    r" (?:the|a) (?:wall|stairs|edge|cones?|barrier)))[^.,;!?@]*|\s+(?:remains|is (?:all"
-    r"|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
+    r"|option|one|choice) that (?:points|leads|brings|keeps|avoids)\b(?![^.,;!?@]*\b(?:into|off|away|nowhere|(?:at|to"
+    r"|towards) (?:the|a) (?:wall|stairs|edge|cones?)))[^.,;!?@]*|\s+(?:remains|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
     r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver|manoeuvre"
     r"|one|thing|bet|of|course|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea|out"
     r"|left|forward))*"
@@ -306,7 +305,7 @@ _LATER = (
 )
 """Words before and after an action that say when it is done."""
 _THEN_ONCE = re.compile(r"[^@]*\bthen\b[^@]*@[\"')]?,?\s+(?:once|when|after|as soon as)\b")
-"""An action that is only the next one, in some case: "then LEFT when it is free"."""
+"""An action that is next, in some case: "then LEFT when free"."""
 _HESITATES = re.compile(
     r"[.!?;-]\s*(?:(?:wait|hold on)(?! (?:for|until|till|to|here|there|behind|while)\b)|oops|hmm+"
     r"|no(?=[,.:!])|actually|correction)\b"
@@ -581,7 +580,7 @@ _PARTED = re.compile(
     r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though|due to"
     r"|therefore|until|till|given|rather than|instead of|unless|for the|over|not|than|to avoid|to keep|to pass"
     r"|to overtake|to prevent|to maintain|in order|and then|then|before"
-    r"|and (?:watch|check|keep an eye|monitor|observe|look (?:out|for|at)))\b"
+    r"|and (?:watch|check|keep an eye|monitor))\b"
 )
 _TALK = re.compile(r",\s+(?:i|you|we|the|this|that|let|so|ok|okay|here|now|it)\b")
 _COMPARED = re.compile(r"over|not|than|rather than|instead of|for the|as")

@@ -130,7 +130,7 @@ _WORDED = (
 )
 _BEHIND_OPTION = re.compile(
     rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?"
-    rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select|(?:keep|hold|leave) (?:it"
+    rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select|(?:keep|hold) (?:it"
     rf"|the \w+) at)\s+)(?P<number>{_WORDED})(?![\w-])",
     re.IGNORECASE,
 )

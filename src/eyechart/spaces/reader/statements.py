@@ -501,13 +501,13 @@ _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 
 
 def _is_contrary(value: _Pairs, names: ActionNames) -> bool:
-    """Return whether an object gives an action and, under another key, the opposite side or another action."""
+    """Return whether an object gives an action, and elsewhere the opposite side or another one."""
     sides = {_SIDES[said] for key, inner in value if _SIDE.fullmatch(key) and (said := str(inner).lower()) in _SIDES}
     keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
-    said = [fold(inner) for key, inner in value if isinstance(inner, str) and not _OTHERS.search(key)]
+    texts = [fold(inner) for key, inner in value if isinstance(inner, str) and not _OTHERS.search(key)]
     return any(
         any(_is_of_other_side(one, side, names) for side in sides)
-        or any(_commits_otherwise(text, one, names) for text in said)
+        or any(_commits_otherwise(text, one, names) and _takes_back(text, one, names) for text in texts)
         for one in keyed
         if one is not None
     )
