@@ -140,7 +140,10 @@ def _longest(names: ActionNames) -> int:
 
 @lru_cache(maxsize=256)
 def _table(names: ActionNames) -> dict[str, str]:
-    return {spelled(written): action for written, action in _united(names)}
+    united = _united(names)
+    return {spelled(form): action for written, action in united for form in _forms(written)} | {
+        spelled(written): action for written, action in united
+    }
 
 
 @lru_cache(maxsize=256)
@@ -230,13 +233,22 @@ def _is_active(text: str, action: str) -> bool:
     )
 
 
+_LANE_OF_SIDE = re.compile(r"(?i)(?<=[\s_-])(lane)([\s_-]+)(left|right)$")
+
+
+def _forms(written: str) -> list[str]:
+    """Return a name with and without "-ing", and with a side before or after "lane"."""
+    each = [written, _LANE_OF_SIDE.sub(r"\3\2\1", written)]
+    return [*each, *filter(None, map(_active, each))]
+
+
 @lru_cache(maxsize=256)
 def _loose(names: ActionNames) -> dict[str, str]:
     """Return the actions by loose forms of their names, where only one action fits."""
     found: dict[str, set[str]] = {}
     for written, action in names.spelled:
-        for form in (written, _active(written)):
-            if form is not None and not marks.is_mark(form):
+        for form in _forms(written):
+            if not marks.is_mark(form):
                 found.setdefault(_loosely(form), set()).add(action)
     return {form: actions.pop() for form, actions in found.items() if len(actions) == 1}
 
@@ -259,8 +271,7 @@ def _words_pattern(written: str) -> str:
 
 @lru_cache(maxsize=256)
 def _pattern(names: ActionNames) -> re.Pattern[str]:
-    worded = [written for written, _ in names.spelled if not marks.is_mark(written)]
-    worded += [active for written in worded if (active := _active(written)) is not None]
+    worded = dict.fromkeys(form for name, _ in names.spelled if not marks.is_mark(name) for form in _forms(name))
     each = [_words_pattern(written) for written in sorted(worded, key=len, reverse=True)]
     # Not \b: neither "non-stop" nor "right-hand" names an action, and 左 in 左車線 is part of a word.
     before = rf"(?<![{_WORD}])(?<![{_WORD}]-)"

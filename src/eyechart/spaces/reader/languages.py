@@ -37,7 +37,7 @@ _GLOSSES = {
     "chosen": "choisie choisi elegida elegido scelto escolhida escolhido gewählte gewählter",
     "is": "lautet sia est ist è é är jest sería serait wäre seria sarebbe",
     "be": "sein être ser essere zijn",
-    "option": "alternativa opción opcion opção opzione optie opcja opcję вариант",
+    "option": "alternativa opción opcion opção opzione optie opcja opcję вариант letra lettre lettera buchstabe буква",
     "number": "nummer número numéro",
     "solution": "lösung solución solução soluzione",
     "turn": "girar gire girare drehen tournerais",

@@ -94,7 +94,7 @@ _WITH_NEXT = re.compile(rf"\s+(?:or|and|o|y|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
 _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
 """Verbs of an option, never after an article."""
 _WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
-_WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+([^\W\d_][\w']*)")
+_WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+(?!at first\b)([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
 _OPENS = re.compile(r"\.[ \t]+\S")
 _INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
@@ -204,6 +204,7 @@ def mentions(text: str, marks: Marks) -> Iterator[Mention]:
 
 def _numbers(text: str, marks: Marks) -> Iterator[Mention]:
     numbers, signed = marks.numbers, marks.is_signed
+    zero = "+-0" if signed else "+-"
     for match in deque(_TOKEN.finditer(text), _TOKENS_AT_MOST):
         split = split_number(match["number"])
         for unit, action in numbers.get(split[0], ()) if split is not None else ():
@@ -216,7 +217,7 @@ def _numbers(text: str, marks: Marks) -> Iterator[Mention]:
                 continue
             quantity = _WITH_QUANTITY.search(text, max(0, start - 40), start) if unit or signed else None
             start = start if quantity is None else quantity.start()
-            if _is_option(text, start, end, united=bool(unit), measured=bool(unit) or match["number"][0] in "+-"):
+            if _is_option(text, start, end, united=bool(unit), measured=bool(unit) or match["number"][0] in zero):
                 yield Mention(action, match["number"], _begin(text, start), end, united=bool(unit))
                 break
 

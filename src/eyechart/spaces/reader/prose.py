@@ -137,7 +137,7 @@ _JOINED = re.compile(
 )
 _BULLETED = re.compile(r"[ \t\"').,;]*\n[ \t]*(?:[-+•>#]|\(?\d{1,2}[.)])[ \t\"'(]*")
 _BULLET = re.compile(r"[ \t>#]*(?:[-+•>#]|\(?(?:\d{1,2}[.):]|[a-i](?:[):]|\.(?=\s))))?[ \t>#]*")
-_LABEL = re.compile(r"[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
+_LABEL = re.compile(r"(?:\s?\([^()\n]{1,40}\))?[\s\"']{0,3}(?::|\s-\s)[ \t]*\w")
 _SHORTENED = (
     *("approx", "appr", "ca", "cf", "vs", "fig", "figs", "max", "min", "resp", "incl", "excl", "eq"),
     *("i.e", "e.g"),
@@ -168,6 +168,7 @@ _SHOULD = r"\s+(?:should|must|needs? to|has to|have to|ought to|is to|had better
 _WILL = (
     r"\b(?:i|we)(?:\s*'d|\s*'ll|\s+would|\s+will|\s+shall|\s+want to|\s+plan to|\s+intend to|\s+prefer to"
     r"|(?:\s*'ve|\s+have)?\s+(?:decided?|chosen|opted) to|(?:\s*'m|\s*'re|\s+am|\s+are)(?:\s+going to)?)"
+    rf"(?:\s+(?:have|let|make)\s+(?:it|the {_VEHICLE}))?"
 )
 _CHOOSE = _one_of(
     "lean(?:ing)? towards?|choose|choosing|chose|chosen|pick(?:ing)?|select(?:ing)?|say|go(?:ing)? with|go(?:ing)? for"
@@ -222,7 +223,6 @@ _CHOSEN_BEFORE = re.compile(
                 rf" which (?:is|means|matches|corresponds to){_END}"
             ),
             rf"(?:^|[.;:]\s*|'d |\bwould |\bshould )(?:start|begin) (?:with|at){_END}",
-            rf"\b(?:what|all that) (?:remains|is left) is{_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
                 rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
@@ -252,10 +252,12 @@ _CHOSEN_BEFORE = re.compile(
 # Words after it.
 
 _CHOSEN_AFTER = re.compile(
-    r"\"?(?:\s+(?:down|lane(?: change)?|turn))?\"?(?:\s+(?:is|'s|seems|looks|appears|would be|remains|will be"
+    r"\"?(?:\s+(?:down|lane(?: change)?|turn|on the (?:left|right)))?\"?(?:\s+(?:is|'s|seems|looks|appears|would be"
+    r"|remains|will be"
     r"|would)(?:\s+(?:to be|like|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more|only|much"
     r"|by far|be)){0,4}\s+(?:best|better|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision"
-    r"|pick|vote|left(?=[\s.,!]*$)|way to go|enough|sufficient|needed|necessary|required|recommended|advised|fitting"
+    r"|pick|vote|left(?=[\s.,!]*$)|way to go|only way|enough|sufficient|needed|necessary|required|recommended"
+    r"|advised|fitting"
     r"|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one|prudent|wise|wisest|sensible|justified"
     r"|viable|suitable|(?:right|logical|obvious|natural) (?:choice|answer|action|option|move|thing|call|speed|angle"
     r"|value|bin)|action|option|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b"
@@ -263,10 +265,12 @@ _CHOSEN_AFTER = re.compile(
     r"|most \w+) (?:option|choice|action|answer|one)\b|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take"
     r"|go with|recommend)\b|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best"
     r"|the (?:best|safest)))\b|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen"
-    r"|selected)(?=[\s.!]*$)|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b|\s+(?:remains"
-    r"|is the only (?:one|option|action) left|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
-    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver|manoeuvre"
-    r"|one|thing|bet|of|course|available|possible|here|now|right|them|these|all|the|options|actions|choices|idea))*"
+    r"|selected)(?=[\s.!]*$)|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b|\s+is the (?:only )?(?:action"
+    r"|option|one|choice) that (?:points|leads|brings|keeps|avoids)\b(?![^.,;!?@]*\b(?:into|off|away|nowhere|(?:at|to"
+    r"|towards) (?:the|a) (?:wall|stairs|edge|cones?)))[^.,;!?@]*|\s+(?:remains|is (?:all|what) (?:that )?(?:is left"
+    r"|remains))(?=[\s.,!]*$))(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course"
+    r"|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course|available|possible|here|now|right|them|these|all|the"
+    r"|options|actions|choices|idea|out|left|forward))*"
     r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due|at"
     r"|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while|than|then|over|i|for(?= (?:now"
     r"|me|us|this|the|our|my|it|safety|\w+ing)\b)|by|from|on|under|though|although|even|without|not|rather|instead"
@@ -300,6 +304,8 @@ _LATER = (
     re.compile(r"[\"')]?\s+(?:later|afterwards|next|once|when|after|as soon as|then)\b"),
 )
 """Words before and after an action that say when it is done."""
+_THEN_ONCE = re.compile(r"[^@]*\bthen\b[^@]*@[\"')]?,?\s+(?:once|when|after|as soon as)\b")
+"""An action that is next, in some case: "then LEFT when free"."""
 _HESITATES = re.compile(
     r"[.!?;-]\s*(?:(?:wait|hold on)(?! (?:for|until|till|to|here|there|behind|while)\b)|oops|hmm+"
     r"|no(?=[,.:!])|actually|correction)\b"
@@ -348,7 +354,8 @@ _SET_TO = re.compile(
     rf"|\b{_QUANTITY}\s+(?:i|we)(?:'d|\s+would)? (?:choose|pick|set|take|use|recommend) (?:is|would be)"
     r"|\b(?:id|number|index|action|option|command|bin|letter|value|code)\s+(?:i|we)(?:'d|'ll|\s+would|\s+will)?"
     r"\s+(?:choose|pick|select|take|use|send|output|give|return) (?:is|would be)"
-    rf"|{_OWN_WILL}(?:set|put|turn|keep|leave)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel|steering wheel|it)\s+(?:to"
+    rf"|{_OWN_WILL}(?:just\s+)?(?:set|put|turn|keep|leave|hold)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel"
+    rf"|steering wheel|it)\s+(?:to"
     rf"|at)|{_OWN_WILL}(?:steer(?: by| with)?"
     r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|decrease|lower|raise)"
     rf"(?: (?:the|my|our|it))?(?: {_QUANTITY})?)(?:{_FROM})?\s+to"
@@ -388,6 +395,7 @@ _IN_BRACKETS = re.compile(r"[\"']?\s?(?:[)\]:]|\s-\s)")
 _DENIED_LABEL = re.compile(
     rf"(?:^|[,;(])\s*(?!(?:\w+ )?no(?:\s*:"
     rf"| (?:\w+ ){{0,2}}need))(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$"
+    rf"|\b(?:choose|advise|recommend|suggest)\b[^@.;:]{{0,25}}(?:{_NOT}|\bagainst\b)[^@.;:]{{0,25}}:\s*$"
 )
 """A label that denies what follows: "Avoid: LEFT"; but "no need: STRAIGHT" is no such label."""
 
@@ -429,9 +437,9 @@ _SURELY = r"(?:\s+(?:also|then|likely|probably|surely|certainly|only|just))?"
 _NOT_ELSE = r"\b(?![^.;!?\n@]*\b(?:otherwise|if|unless|without|else|instead)\b)"
 _MAY = r"(?:\s*'d|\s*'ll|\s+would|\s+could|\s+might|\s+may|\s+will|\s+can)"
 _HARMS = re.compile(
-    rf"[)\"']?(?:\s*[:)]|\s+-+)\s*(?:this|that|which|doing (?:so|this|that)){_MAY}?{_SURELY}\s+{_HARM}{_NOT_ELSE}"
-    rf"|[)\"']?(?:\s*[:)]|\s+-+)\s*it(?:\s*'d|\s+would){_SURELY}\s+{_HARM}{_NOT_ELSE}"
-    rf"|,\s*which{_MAY}{_SURELY}\s+{_HARM}{_NOT_ELSE}"
+    r"(?:[)\"']?(?:\s*[:)]|\s+-+)\s*"
+    rf"(?:(?:this|that|which|doing (?:so|this|that)){_MAY}?|it(?:\s*'d|\s+would))|,\s*which{_MAY})"
+    rf"{_SURELY}\s+{_HARM}{_NOT_ELSE}"
 )
 """The effect of an action, directly after it: "B: it would crash".
 
@@ -479,13 +487,16 @@ _SPOKEN_OF = re.compile(
     r"|written|word on"
     rf"|reads|told|asked|(?<!gut )(?<!instinct )says|said|(?:of|for) (?:the|an?) {_OTHER}|(?:of|for) (?:the"
     rf"|an?) (?:truck|bus|van)"
-    rf"|(?<!ego )(?<!green )(?<!my )(?<!our )(?:car|truck|vehicle|driver|lead|bus|van)'s)\b[^@,;:]*$"
+    rf"|(?<!ego )(?<!green )(?<!my )(?<!our )(?:car|truck|vehicle|driver|lead|bus|van)'s)\b(?:(?!\bso\b)[^@,;:])*$"
     r"|\bwait(?: for| until|,? then|,? and then)\b[^@;:]*$|\bso (?:is|are|would|does)\s*$|[✗✘❌✖🚫👎⛔✕]\s*$|\[ \]\s*$"
     r"|\b(?:first|initial) (?:answer|thought|instinct|reaction|guess|idea|impression)\b[^@.;]*$|\b(?:previously"
     r"|formerly|a moment ago|naive\w*|superficial\w*|at first (?:glance|sight))\b[^@.;]*$|\b(?:second(?:ary)?"
     r"|alternativ\w*|backup|fallback|runner-up|plan b|next best|previous|last|earlier|former)\b[^@,;]{0,40}$"
     r"|\b(?:ready to|prepared? to|preparing to|prepared for|could|might|may|maybe|perhaps|possibly|consider(?:ing|ed)?"
-    r"|thought(?: about| of)?|would have|used to|was|were|yesterday|tempted to|hesitat\w+|peut-être)\b[^@,:;]{0,40}$"
+    r"|thought(?: about| of)?|used to|was|were|yesterday|tempted to|hesitat\w+"
+    r"|peut-être)\b[^@,:;]{0,40}$"
+    rf"|(?:{_SHOULD}|{_WILL})(?: \w+ly)?\s+(?!{_GO}|{_HOLD}|(?!answer){_CHOOSE}|slow|stop|brak|accel)[^@.;:]*,"
+    rf"\s+(?:which|that|but the truth)(?:'s| is){_END}"
 )
 """Another speaker or actor, a later or earlier time, or a mere possibility."""
 
@@ -506,7 +517,8 @@ _ANSWERS = re.compile(
     r"|reply|command|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction"
     r"|update|ok|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet"
     r"|one word|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate"
-    r"|speed up|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight"
+    r"|choose|speed up|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by"
+    r"|slightly|slight"
     r"|hard|gentle|gently|sharp|policy|(?:max|min)imum|lowest|slowest|fastest|top speed|(?:action|cmd|command|option"
     r"|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)"
     r"|in short|overall|ultimately|to be|svar|colou?r|shape|\d{1,2}|of action|name|exec(?:ute)?"
@@ -537,7 +549,8 @@ _THING_LABEL = re.compile(
 
 _IF = re.compile(
     r"\b(?:if|unless|once|when|whenever|in case|in which case|otherwise|after that|afterwards|later|should the|had the"
-    r"|were (?:the|it|there|we|i|that)|would have|could have|might have|suppose|supposing|assum(?:e|ing)|imagine"
+    r"|were (?:the|it|there|we|i|that)|would have(?! (?:it|the) )|could have|might have|suppose|supposing|assum(?:e"
+    r"|ing)|imagine"
     r"|pretend|say (?:we|i|it)|before|after|falls|si)\b|(?:^|[.;:]\s*)(?:shall|can|could|may|might|do|does|did|will"
     r"|would|should|is|are) (?:we|i|it|the|you)\b"
 )
@@ -547,7 +560,8 @@ _IF_OF_SPEECH = re.compile(
 )
 _IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[;\n]|\.(?!\d)")
 _IF_AFTER = re.compile(
-    r"(?!,?\s+(?:(?:for |right )?now|and)\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case|(?<!at )once"
+    r"(?!,?\s+(?:(?:for |right )?now|and|then(?!,? if))\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case"
+    r"|(?<!at )once"
     r"|when|whenever|only if|falls|si|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later"
     r"|soon|tomorrow|in general|generally|usually)\b|,? and (?:you|they|it)\b"
 )
@@ -565,7 +579,8 @@ _RETRACTED = re.compile(
 _PARTED = re.compile(
     r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though|due to"
     r"|therefore|until|till|given|rather than|instead of|unless|for the|over|not|than|to avoid|to keep|to pass"
-    r"|to overtake|to prevent|to maintain|in order|and then|then|before)\b"
+    r"|to overtake|to prevent|to maintain|in order|and then|then|before"
+    r"|and (?:watch|check|keep an eye|monitor))\b"
 )
 _TALK = re.compile(r",\s+(?:i|you|we|the|this|that|let|so|ok|okay|here|now|it)\b")
 _COMPARED = re.compile(r"over|not|than|rather than|instead of|for the|as")
@@ -573,13 +588,15 @@ _FILLER = re.compile(
     r"(?:\b(?:ok|okay|sure|well|so|then|thus|hence|therefore|er|um|uh|hmm+|hm|ah|oh|yes|yeah|now|next|first|finally"
     r"|actually|definitely|probably|likely|certainly|clearly|obviously|just|simply|only|rather|better|answer|action"
     r"|decision|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
-    r"|at the moment|for the moment|here|here's|correction|option|please|best|safest|assistant|i guess|i think"
+    r"|at the moment|for the moment|here|here's|correction|correct|option|pl(?:ea)?[sz]e?|best|safest"
+    r"|assistant|i guess|i think"
     r"|to be safe|mais|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely|i\.e"
     "|absolutely|must be|has to be|in the end|confidence|gently"
     r"|immediately|a|an|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
 )
 _TAIL = re.compile(
-    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|please|first|immediately|ahead"
+    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|pl(?:ea)?[sz]e?|at first|first"
+    r"|immediately|ahead"
     r"|it is|it down|here|lane|lane change|turn|for now|and wait|and hold|for sure|(?:on|to) (?:the|my) (?:left"
     r"|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed"
     r"|with caution|carefully|gently|hard|forward|further|again|obviously|a bit|a little|slightly|sharply"
@@ -816,7 +833,7 @@ def _joins(marked: str, before: int, place: int, end: int) -> bool:
     between, right = marked[before + 1 : place], marked[place + 1 : min(end, place + 1 + _RIGHT)]
     if len(between) > _JOINT or not _JOINED.fullmatch(between):
         return False
-    if _NOW[1].match(between) and _LATER[1].match(marked, place + 1):
+    if _THEN_ONCE.match(marked, before + 1) or (_NOW[1].match(between) and _LATER[1].match(marked, place + 1)):
         return False
     return between.strip() != "," or not (_CHOSEN_AFTER.match(right) or _DENIED_AFTER.match(right))
 
@@ -998,7 +1015,8 @@ def _in_time(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
         if before is not None and one.place - before.place < _LEFT and "\n" not in marked[before.place : one.place]:
             left, between = marked[max(0, before.place - _JOINT) : before.place], marked[before.place + 1 : one.place]
             later = _LATER[0].search(between) or _LATER[1].match(marked, one.place + 1)
-            if before.status != "denied" and later and (_NOW[0].search(left) or _NOW[1].match(between)):
+            now = _NOW[0].search(left) or _NOW[1].match(between) or _THEN_ONCE.match(marked, before.place + 1)
+            if before.status != "denied" and later and now and not _RETRACTED.search(between):
                 mentions[-1] = replace(before, status="chosen" if before.status == "half" else before.status)
                 continue
             if _THEN.search(f", {between}") and _IN_ORDER.search(left):

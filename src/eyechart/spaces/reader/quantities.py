@@ -130,7 +130,8 @@ _WORDED = (
 )
 _BEHIND_OPTION = re.compile(
     rf"(?P<before>\b(?:options?|choices?|actions?|numbers?|ids?|index|bin|answer:?"
-    rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select)\s+)(?P<number>{_WORDED})(?![\w-])",
+    rf"|(?:answer|choice|action|option|number)\s+is|choose|pick|select|(?:keep|hold) (?:it"
+    rf"|the \w+) at)\s+)(?P<number>{_WORDED})(?![\w-])",
     re.IGNORECASE,
 )
 _OPENING = re.compile(

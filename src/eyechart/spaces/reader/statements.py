@@ -102,7 +102,9 @@ _FINAL = re.compile(r"\b(?:final|correct|corrected|revised)\b", re.IGNORECASE)
 _NOTHING_SEEN = re.compile(
     r"\b(?:can(?:no|')t|unable to|not able to|could(?:n't| not)|do(?:n't| not))\s+(?:\w+\s+)?(?:see|view|access"
     r"|process|assist|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
-    r"|photos?|frames?|that|this|request|it|with)\b|\bno (?:image|picture|photo)\b|\bas an ai\b|\bmust decline\b"
+    r"|photos?|frames?|that|this|request|it|with)\b|\bno (?:image|picture|photo)\b"
+    r"|\bas an ai\b(?![^.;!?\n]{0,60}\b(?:control|drive|move|steer)"
+    rf"\b[^!?\n]{{0,40}}\b(?:but(?: if)?|however,) i\b)|\bmust decline\b"
     rf"|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
@@ -243,7 +245,7 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
         text = _CUT_OFF.sub(" ", text)
     if (wholly := _WHOLLY.fullmatch(text)) is not None and (bare := names.whole(wholly[1])) is not None:
         return Decision(bare)
-    folded = _ANEW_STATED.sub(r"\n\1\n", fold(_TAG.sub(lambda tag: _kept(tag, names), text)))
+    folded = _ANEW_STATED.sub(r"\n\1\n", _unlisted(_TAG.sub(lambda tag: _kept(tag, names), text), names))
     if (marked := _marked(folded, names)) is not None:
         return marked
     read = _prose(folded, names)
@@ -264,6 +266,20 @@ _MEANT = re.compile(
     re.IGNORECASE,
 )
 """An order with its option in brackets at the end: "Change lane right (2)."."""
+
+
+_REPEATED = re.compile(r"[ \t]?[(\[]([^()\[\]\n]{3,120})[)\]](?=\s{0,3}[:=])")
+_ONE_OF = re.compile(r"(?i)\s?(?:/(?!s)|[,|]|\b(?:or|to)\b|\.{2,}|(?<=\w)-(?=\w))\s?")
+
+
+def _unlisted(text: str, names: ActionNames) -> str:
+    """Return a folded text without the options that a heading repeats: "Action (A/B/C): B"."""
+
+    def kept(one: re.Match[str]) -> str:
+        parts = _ONE_OF.split(one[1])
+        return one[0] if len(parts) < _BOTH or any(part and not names.whole(part) for part in parts) else ""
+
+    return _REPEATED.sub(kept, fold(text))
 
 
 def _kept(tag: re.Match[str], names: ActionNames) -> str:
@@ -323,7 +339,7 @@ def _agreed(text: str, stated: Sequence[_Statement], names: ActionNames) -> Deci
 
 _COMMITS = re.compile(
     r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)"
-    r"|(?:answer|choice|decision|action) is)\b[^\n]*",
+    r"|(?<!other )(?<!next )(?<!second )(?:answer|choice|decision|action) is)\b[^\n]*",
     re.IGNORECASE,
 )
 _ANEW = re.compile(
@@ -485,10 +501,16 @@ _SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
 
 
 def _is_contrary(value: _Pairs, names: ActionNames) -> bool:
-    """Return whether an object gives an action and, under another key, the opposite side."""
+    """Return whether an object gives an action, and elsewhere the opposite side or another one."""
     sides = {_SIDES[said] for key, inner in value if _SIDE.fullmatch(key) and (said := str(inner).lower()) in _SIDES}
     keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
-    return any(_is_of_other_side(action, side, names) for action in keyed if action is not None for side in sides)
+    texts = [fold(inner) for key, inner in value if isinstance(inner, str) and not _OTHERS.search(key)]
+    return any(
+        any(_is_of_other_side(one, side, names) for side in sides)
+        or any(_commits_otherwise(text, one, names) and _takes_back(text, one, names) for text in texts)
+        for one in keyed
+        if one is not None
+    )
 
 
 def _is_of_other_side(action: str, side: str, names: ActionNames) -> bool:
@@ -671,7 +693,8 @@ def _code(text: str, names: ActionNames) -> Iterator[_Statement]:
     """Yield the actions of calls and assignments whose name or key is an answer's."""
     found = [(code, *_coded(code, names)) for code in _codes(text)]
     own = [one for one in found if one[1]][-_STATED_AT_MOST:]
-    other = any(_PEDALS.fullmatch((code["key"] or code["name"] or "").rpartition(".")[2]) for code, _, _ in found)
+    keys = [(code["key"] or code["name"] or "").rpartition(".")[2] for code, _, _ in found]
+    other = any(map(_PEDALS.fullmatch, keys)) and not (names.quantity.units and any("steer" in key for key in keys))
     for code, _, action in own:
         line = text[max(0, code.start() - _JUST_BEFORE) : code.start()].rpartition("\n")[2]
         stands = not (other and is_mark(action or "")) and _NO_CODE.search(line) is None
