@@ -33,7 +33,7 @@ class Distribution:
 
 EYECHART = Distribution(
     "eyechart",
-    1_510_000,  # the aim is 1_500_000: what reads the words of other languages is 6 kB above it
+    1_512_000,  # the aim is 1_500_000: what reads replies of other languages and forms is 11 kB above it
     ("py.typed", "models/prices.toml", "models/paper.toml", "report/template/page.html"),
     ("METADATA", "WHEEL", "RECORD", "top_level.txt", "licenses/LICENSE", "entry_points.txt"),
     'eyechart-organisms==V; extra == "organisms"',
