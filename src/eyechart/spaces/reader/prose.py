@@ -460,7 +460,7 @@ _BLOCKED = re.compile(
 )
 """Words about an option after its letter: "A) blocked", "B) turn right is unsafe"."""
 _ASKED_FOR_BAD = re.compile(
-    rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$"
+    rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$|\bworse\b[^?]*\?\s*$"
 )
 """A question whose answer is no choice: "Which action is unsafe?"."""
 _ASKED_WHERE = re.compile(
@@ -602,8 +602,8 @@ _FILLER = re.compile(
     r"|immediately|a|an|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
 )
 _TAIL = re.compile(
-    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|pl(?:ea)?[sz]e?|at first|first"
-    r"|immediately|ahead"
+    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|pl(?:ea)?[sz]e?|at first|initially"
+    r"|first|immediately|ahead"
     r"|it is|it down|here|lane|lane change|turn|for now|and wait|and hold|for sure|(?:on|to) (?:the|my) (?:left"
     r"|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed"
     r"|with caution|carefully|gently|hard|forward|further|again|obviously|a bit|a little|slightly|sharply"
@@ -648,7 +648,9 @@ _FINITE = re.compile(
 """What is done, with no verb of its own: "Turning right to avoid the box would …" is a statement about it."""
 _EITHER = re.compile(r"\bor\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
-_OR_NUMBER = re.compile(r"\s+or\s+[+-]?\d|[,;]? (?:and )?(?:the )?m(?:ax|in)imum\b")
+_OR_NUMBER = re.compile(
+    r"\s+or\s+[+-]?\d|[,;]? (?:and )?(?:the )?(?:m(?:ax|in)imum|(?:high|low|fast|slow)est|top speed)\b"
+)
 _IT_IS = re.compile(r"(?<!for )\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")
