@@ -1,7 +1,7 @@
 """What the reader makes of the replies of numbers, letters and phrases that were kept until its rules were done.
 
-There are three such samples, of other writers and readers: "kept", "second", whose other half is in the open part, and
-"third".
+There are four such samples, of other writers and readers: "kept", "second", whose other half is in the open part,
+"third" and "fourth".
 
     make long-marks
     python benchmarks/kept_replies.py [--mended "what was mended since"]

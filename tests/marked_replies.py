@@ -1,7 +1,7 @@
 """The corpus of replies in spaces of numbers, letters and phrases: its spaces, its two readers' labels, what is read.
 
-`marks/spaces.md` says what both readers were told. Most of each set is open; two parts are kept, each of which was read
-once when the rules were done.
+`marks/spaces.md` says what both readers were told. Most of each set is open; four parts were counted once before any
+rule was changed by them.
 """
 
 import json
@@ -64,7 +64,7 @@ class Marked:
 
 
 def marked(part: str, kind: str) -> tuple[Marked, ...]:
-    """Return the replies of a part, "open", "kept" or "second", of one of the sets."""
+    """Return the replies of a part, "open" or one of those that were kept, of one of the sets."""
     lines = (MARKS / f"{part}_{kind}.jsonl").read_text(encoding="utf-8").splitlines()
     return tuple(Marked(**json.loads(line)) for line in lines)
 

@@ -58,12 +58,16 @@ def expect(words: str, said: str) -> None:
 
 
 def found(named: str) -> str | None:
-    """Return the Python of a name: this one, one on the path, or pyenv's newest of that version; None without one."""
+    """Return the file of a Python: this one, one on the path, or pyenv's newest of that version; None without one.
+
+    pip's --python takes no name.
+    """
     version = named.removeprefix("python")
     if version == f"{sys.version_info.major}.{sys.version_info.minor}":
         return sys.executable
-    if shutil.which(named) and subprocess.run((named, "-c", ""), capture_output=True, check=False).returncode == 0:
-        return named
+    there = shutil.which(named)
+    if there and subprocess.run((there, "-c", ""), capture_output=True, check=False).returncode == 0:
+        return there
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv")
     kept = [*pyenv.glob(f"versions/{version}.*/bin/python")]
     return str(max(kept, key=lambda one: [int(part) for part in re.findall(r"\d+", one.parts[-3])])) if kept else None

@@ -122,6 +122,7 @@ _JOINED = (
         re.compile(r"\b(speed|angle|value|action|option|answer) (recommended|appropriate|correct|chosen)(?=\s*:)"),
         r"\2 \1",
     ),
+    (re.compile(rf"\b(best|better)((?:\s+[^\s.,;:!?]+){{0,4}}) (?:of )?because {_MARK}"), r"\1\2 than "),
     (re.compile(r"\bno[nt]?\s+is\b"), "is not"),
     (re.compile(r"\bnot(?=,)"), "no"),
     (re.compile(r"\bnot(?=\s*(?:[.,;]|$))"), "is wrong"),
@@ -132,7 +133,7 @@ _CAR = r"(?<![\u3400-\u9fffの])"
 _CJK = (
     (r"((?:速度|角度?|舵角)は\s?[+-]?[\d.]+\s?(?:m/s|度|°)?)\s?(?:に|と)します", r"\1 "),
     (r"(?:私|僕)は", " "),
-    (r"不[行可好]", " is wrong "),
+    (r"不(?:[行可好]|安全)", " is wrong "),
     (r"ではなくて?|じゃなくて?", " is wrong, "),
     (r"だと(?:思い|考え)ます|でお願いします|(?<=[A-Z])项", " "),
     (r"执行|実行する", " execute "),

@@ -94,7 +94,7 @@ _WITH_NEXT = re.compile(rf"\s+(?:or|and|o|y|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
 _DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
 """Verbs of an option, never after an article."""
 _WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
-_WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+(?!at first\b)([^\W\d_][\w']*)")
+_WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+(?!at first\b|initially\b\s*(?:[.,;]|$))([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
 _OPENS = re.compile(r"\.[ \t]+\S")
 _INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")

@@ -197,6 +197,10 @@ _VERDICT = _one_of(
     "|judg\\w+|thing to do|(?:suitable|appropriate|sensible|reasonable|prudent|logical) one|control"
     "|guess|(?:correct|best|right|safest|action|option) id"
 )
+_NOT_BAD = (
+    r"(?! (?:that|which) (?:would |will )?(?:(?:hit|crash|collid|fail)|(?:lead|point|bring|run)s? [^@.;]{0,20}"
+    r"\b(?:wall|stairs|crash|collision|into|off)\b))"
+)
 _IS = r"(?:\s+(?:is|would be|should be|will be|must be|has to be|remains|seems)\b|'s|\s*[:=]|\s*->)"
 _GOOD = _one_of(
     "best|better|safest|safer|wise|wiser|necessary|advisable|recommended|preferable|reasonable|correct|appropriate"
@@ -225,7 +229,7 @@ _CHOSEN_BEFORE = re.compile(
             rf"(?:^|[.;:]\s*|'d |\bwould |\bshould )(?:start|begin) (?:with|at){_END}",
             rf"\b(?:i|we)\s+(?:think|believe|guess|say|suppose|mean)(?:\s+that)?\s+(?:it\s*(?:is|'s)\s+)?{_END}",
             (
-                rf"\b{_VERDICT}\b[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
+                rf"\b{_VERDICT}\b{_NOT_BAD}[^@.;?!:=]{{0,50}}?{_IS}[\s\"'(,:]*(?:(?:just|simply|clearly|now|then|probably)\s+)?"
                 rf"(?:to\s+)?(?:{_CHOOSE}\s+)?(?:{_DONE})?{_END}"
             ),
             (
@@ -266,9 +270,12 @@ _CHOSEN_AFTER = re.compile(
     r"|go with|recommend)\b|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best"
     r"|the (?:best|safest)))\b|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen"
     r"|selected)(?=[\s.!]*$)|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b|\s+is the (?:only )?(?:action"
-    r"|option|one|choice) that (?:points|leads|brings|keeps|avoids)\b(?![^.,;!?@]*\b(?:into|off|away|nowhere|(?:at|to"
-    r"|towards) (?:the|a) (?:wall|stairs|edge|cones?)))[^.,;!?@]*|\s+(?:remains|is (?:all|what) (?:that )?(?:is left"
-    r"|remains))(?=[\s.,!]*$))(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course"
+    r"|option|one|choice) that (?:avoids (?!nothing)|(?:keeps (?:\w+ ){0,2}(?:clear|safe|straight|(?:on|in|within)"
+    r" (?:the|our))|(?:points|leads|brings) (?:(?:us|me|it|the robot) )?(?:closer )?(?:at|to|towards?) (?:the|our)"
+    r" (?:open )?(?:door(?:way)?|exit|goal|target|corridor|chair|table)|points (?:us|me|the robot) at it)\b"
+    r"(?![^.,;!?@]*\b(?:into|off|away|nowhere|nothing|wrong|locked|closed|blocked)\b))[^.,;!?@]*"
+    r"|\s+(?:remains|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
+    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course"
     r"|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course|available|possible|here|now|right|them|these|all|the"
     r"|options|actions|choices|idea|out|left|forward))*"
     r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due|at"
@@ -453,7 +460,7 @@ _BLOCKED = re.compile(
 )
 """Words about an option after its letter: "A) blocked", "B) turn right is unsafe"."""
 _ASKED_FOR_BAD = re.compile(
-    rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$"
+    rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$|\bworse\b[^?]*\?\s*$"
 )
 """A question whose answer is no choice: "Which action is unsafe?"."""
 _ASKED_WHERE = re.compile(
@@ -595,8 +602,8 @@ _FILLER = re.compile(
     r"|immediately|a|an|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
 )
 _TAIL = re.compile(
-    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|pl(?:ea)?[sz]e?|at first|first"
-    r"|immediately|ahead"
+    r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|pl(?:ea)?[sz]e?|at first|initially"
+    r"|first|immediately|ahead"
     r"|it is|it down|here|lane|lane change|turn|for now|and wait|and hold|for sure|(?:on|to) (?:the|my) (?:left"
     r"|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed"
     r"|with caution|carefully|gently|hard|forward|further|again|obviously|a bit|a little|slightly|sharply"
@@ -612,7 +619,9 @@ _LEADS = re.compile(r"\W*(?:rather than|instead of)\s+(?:\w+\s+){0,3}")
 _MEASURED = re.compile(rf"\s*(?:by\s+|for\s+|to\s+|about\s+){{0,2}}{_FAR}[\s\"'.!]*")
 _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
 """The amount of a long name: "TURN LEFT 30 degrees"; a distance ahead means later."""
-_HELD = re.compile(r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$")
+_HELD = re.compile(
+    r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$|\b(?:until|till)\b(?:[^@.;!?]|\.\d)*\bthen\b[^@.;!?]{0,20}$"
+)
 """A condition that ends or replaces an action: "STOP until the road is free, then …"."""
 _SOMEONE = re.compile(r"(?:^|\.\s*)\s*(?:an?|the|some|another) (?:(?!robot|vehicle|car|ego)\w+ ){1,3}$")
 _ACTIVE = re.compile(r"[^\W\d_]+ing\b", re.IGNORECASE)
@@ -624,9 +633,10 @@ _DONE_FOR = re.compile(
 )
 _HELPS = re.compile(
     r"(?: on (?:the|my) (?:left|right)(?: side)?)?(?: will)? (?:lets? (?:(?:us|it|the robot) (?:find|reach|pass|avoid)"
-    r"|the \w+ pass)\b|(?:lead|bring|take|get)s? (?:us|me|it|the robot) (?:closer )?to (?:the|our) (?:\w+ )?"
-    r"(?:exit|goal|target|door|corridor)\b|gives? (?:us|me) more (?:room|space|time|distance)\b)"
-    r"(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|too|not)\b))"
+    r"|the \w+ pass)\b|(?:lead|bring|take|get)s? (?:us|me|it|the robot) (?:closer )?to (?:the|our) "
+    r"(?:(?!wrong|locked|closed|blocked)\w+ )?(?:exit|goal|target|door|corridor)\b"
+    r"|gives? (?:us|me) more (?:room|space|time|distance)\b)"
+    r"(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|too|not|wrong|locked|closed|blocked)\b))"
 )
 """The use of what is done, which is a reason to do it: "Turning left will bring us to the door."."""
 _ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
@@ -638,7 +648,9 @@ _FINITE = re.compile(
 """What is done, with no verb of its own: "Turning right to avoid the box would …" is a statement about it."""
 _EITHER = re.compile(r"\bor\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
-_OR_NUMBER = re.compile(r"\s+or\s+[+-]?\d|[,;]? (?:and )?(?:the )?m(?:ax|in)imum\b")
+_OR_NUMBER = re.compile(
+    r"\s+or\s+[+-]?\d|[,;]? (?:and )?(?:the )?(?:m(?:ax|in)imum|(?:high|low|fast|slow)est|top speed)\b"
+)
 _IT_IS = re.compile(r"(?<!for )\b(?:it|that|this|which|there)\s*(?:is|'s)[\s\"'(]*$")
 _GOING = re.compile(r"(?:^|[.,;]\s*|\b(?:am|are|is|was|were)\s+|'m\s+|'re\s+)(?:going|doing)(?:\s+at)?\s+$")
 _BARE_FORM = re.compile(r"\s+(?:it\s+)?down\b")

@@ -746,7 +746,11 @@ def _without_code(text: str, names: ActionNames) -> str:
 
 _VOTE = re.compile(r"[✅✓✔☑❌✗✘✖✕]|[:=-][ \t\"')]{0,3}(?:yes|no)(?=[ \t.!]*$)", re.IGNORECASE)
 _VOTED = re.compile(r"[\s>•|+*]*(?:- )?(.{1,80}?)[\s\"'*]*(?:[:|(=-](?!\d)|$)")
-_NO_VOTE = re.compile(r"\?|\b(?:block|obst|dang|unsafe|risk|occup|hazard|coll|tak|wall|wrong)\w*", re.IGNORECASE)
+_NO_VOTE = re.compile(
+    r"\?|\b(?:(?:block|obst|dang|unsafe|risk|occup|hazard|coll|tak|wall|wrong|crash|clos|hit|avoid|reject|exclu)\w*"
+    r"|not\b|off\b)",
+    re.IGNORECASE,
+)
 """Words before votes that do not ask for the best action: "Blocked:"."""
 
 
@@ -761,7 +765,9 @@ def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
     once = len(found) == len(names.actions) and {action for action, _, _ in found} == set(names.actions)
     if once and len(voted) == 1 and not any("?" in line[0] or len(votes) > 1 for _, line, votes in found):
         start = found[0][1].start()
-        bad = _NO_VOTE.search(text, text.rfind("\n", 0, max(0, start - 1)) + 1, start)
+        heading = text[:start].rstrip("\n\t -=*_|>#")
+        apart = text.count("\n", len(heading), start) > 1 and heading.endswith(".")  # a sentence of its own
+        bad = None if apart else _NO_VOTE.search(heading, heading.rfind("\n") + 1)
         yield _Statement(start, found[-1][1].end(), None if bad else voted[0][0], "not_chosen" if bad else None)
 
 
