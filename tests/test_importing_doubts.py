@@ -162,11 +162,11 @@ def test_a_stratum_that_names_no_place_is_said(tmp_path: Path) -> None:
     found = costs(bank(made(tmp_path, shown=shown, **gaps, **columns), strata=tuple(columns)))
     assert [line for line in found if line.startswith("stratum")] == [
         *(
-            f"stratum '{name}': it has {many}, and a claim is asked apart by 2 to 12: a place where a controller is "
-            "blind is not found by it"
+            f"stratum '{name}': it has {many}, and a claim is judged by those of 2 to 12: a place where a controller "
+            "is blind is not found by it"
             for name, many in (("tag", "13 values"), ("town", "1 value"))
         ),
-        "stratum 'light': dusk: fewer than 8 frames each, so that no claim is asked there apart",
+        "stratum 'light': dusk: fewer than 8 frames each, so that no claim is judged in them alone",
     ]
     assert (MOST_OF_STRATUM, FEWEST_OF_VALUE) == (MOST_OF_COLUMN, FEWEST_OF_PLACE)
 

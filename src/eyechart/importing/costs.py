@@ -36,7 +36,7 @@ _LEAST_WAYS = 200
 """The fewest ways to exchange episodes for the distance test's two-sided level of .01."""
 _MANY = 12
 MOST_OF_STRATUM, FEWEST_OF_VALUE = 12, 8
-"""A claim is asked apart by a stratum of up to so many values, in those of at least so many frames."""
+"""A claim is judged in each value of a stratum of up to so many values, if it has at least so many frames."""
 
 
 def taken(bank: FrameBank) -> list[str]:
@@ -162,15 +162,15 @@ def _moved_in(bank: FrameBank) -> Iterator[str]:
 
 
 def _not_asked_apart(bank: FrameBank) -> Iterator[str]:
-    """Yield the strata, and the values of strata, by which no claim is asked apart."""
+    """Yield the strata, and the values of strata, by which no claim is judged."""
     for name in dict.fromkeys(name for frame in bank for name in frame.strata):
         frames = Counter(str(one) for frame in bank if (one := frame.strata.get(name)) not in {None, ""})
         if not 1 < len(frames) <= MOST_OF_STRATUM:
-            many = f"{counted(len(frames), 'value')}, and a claim is asked apart by 2 to {MOST_OF_STRATUM}"
+            many = f"{counted(len(frames), 'value')}, and a claim is judged by those of 2 to {MOST_OF_STRATUM}"
             yield f"stratum '{name}': it has {many}: a place where a controller is blind is not found by it"
         elif few := [value for value, count in frames.items() if count < FEWEST_OF_VALUE]:
             has = f"{', '.join(few)}: fewer than {FEWEST_OF_VALUE} frames each"
-            yield f"stratum '{name}': {has}, so that no claim is asked there apart"
+            yield f"stratum '{name}': {has}, so that no claim is judged in them alone"
 
 
 def _counted_twice(bank: FrameBank) -> Iterator[str]:
