@@ -111,4 +111,4 @@ def test_a_page_says_the_answer_first_and_draws_braking_along_the_distance(
     assert "the lead in merge: " in pages["blind"]
     rows = (tmp_path / "blind" / "depth.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 1 + 4 * 18
-    assert rows[0].startswith("model,number,outcome,value,interval low,interval high,n,p,depth needs,asks")
+    assert rows[0].startswith("model,number,outcome,value,interval low,interval high,level,n,p,depth needs,asks")

@@ -83,7 +83,7 @@ def test_a_server_that_spoils_pictures_ends_the_run_before_it_is_paid(
     with FaultServer([endpoint]) as server:
         code, said = run(bank, server.base_url)
     assert (code, says in said) == (1, True), said
-    assert "Traceback" not in said
+    assert "Traceback" not in said, said
     assert not (tmp_path / "run" / LEDGER).exists()
 
 
