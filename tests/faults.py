@@ -6,6 +6,7 @@ It speaks the chat completions of OpenAI's API. A call is known by its seed, so 
 import asyncio
 import hashlib
 import json
+import logging
 import socket
 import struct
 import sys
@@ -214,6 +215,10 @@ FAULTS: dict[str, Handler] = {
 """Every fault by its name, in words that the tests use."""
 
 
+_SILENT = logging.Logger("stand-ins", logging.CRITICAL + 1)
+"""What a stand-in's server logs, such as a client that left, is not what a command printed."""
+
+
 class Loopback:
     """An application served on 127.0.0.1 by a thread of its own while the ``with`` block lasts."""
 
@@ -221,7 +226,7 @@ class Loopback:
         """Serve the application at this port, or at a free one."""
         self.port = port
         self._loop = asyncio.new_event_loop()
-        self._runner = web.AppRunner(app, shutdown_timeout=0.1, access_log=None)
+        self._runner = web.AppRunner(app, shutdown_timeout=0.1, access_log=None, logger=_SILENT)
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
 
     def __enter__(self) -> Self:

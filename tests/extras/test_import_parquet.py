@@ -190,7 +190,7 @@ def test_a_footer_that_lies_is_found_out_before_a_page_is_unpacked(tmp_path: Pat
     assert int(peak.split()[1]) < 150_000, "kilobytes"
 
 
-def test_what_is_just_within_the_bounds_is_read_within_700_mb(tmp_path: Path) -> None:
+def test_what_is_just_within_the_bounds_is_read_within_750_mb(tmp_path: Path) -> None:
     """The most words at a time, of the widest letters; the most numbers in one vector; every column the same word."""
     pa, pq = arrow()
     words = [f"{place:06d}{'x' * 89_000}😀" for place in range(700)]
@@ -205,7 +205,7 @@ def test_what_is_just_within_the_bounds_is_read_within_700_mb(tmp_path: Path) ->
     assert lines[0] == "words 700 rows"
     assert lines[1].endswith("row 1: 'listed' has 15900000 components, not 2")
     assert lines[2] == "wide 1024 rows"
-    assert int(peak.split()[1]) < 700_000, "kilobytes"
+    assert int(peak.split()[1]) < 750_000, "kilobytes"
 
 
 def test_a_file_that_is_no_parquet_is_one_line(photos: Path, tmp_path: Path) -> None:
