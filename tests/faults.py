@@ -215,8 +215,9 @@ FAULTS: dict[str, Handler] = {
 """Every fault by its name, in words that the tests use."""
 
 
-_SILENT = logging.Logger("stand-ins", logging.CRITICAL + 1)
+_SILENT = logging.getLogger("eyechart.stand-ins")
 """What a stand-in's server logs, such as a client that left, is not what a command printed."""
+_SILENT.disabled = True
 
 
 class Loopback:
