@@ -79,6 +79,7 @@ class Code:
 WORDING = (
     "verdicts/why_not.py",
     "verdicts/verdict.py as_dict",
+    "verdicts/depth.py open_kinds",
     *(
         f"studies/battery/{one}.py"
         for one in ("album", "browser", "demo", "figures", "film", "page", "power", "reach", "summary", "tables")

@@ -33,8 +33,8 @@ def test_words_alone_make_no_other_code(tree: Path) -> None:
     assert before == counts.said_of(ROOT)
     for name in counts.WORDING:
         file, _, function = name.partition(" ")
-        words = f"def {function}(self)" if function else '"""'
-        _change(tree / SOURCE / file, words, words.replace("(self)", "(self, more=())").replace('"""', '"""Also, ', 1))
+        now, then = (f"def {function}(", f"def {function}(*more, ") if function else ('"""', '"""Also, ')
+        _change(tree / SOURCE / file, now, then)
     assert counts.said_of(tree) == before
     _change(tree / SOURCE / "verdicts" / "labels.py", "MARGIN = 0.1", "MARGIN = 0.11")
     after = counts.said_of(tree)

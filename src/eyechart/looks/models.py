@@ -2,7 +2,7 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -207,19 +207,7 @@ def _holes(verdict: Verdict) -> Iterator[str]:
         each = " in each of these, which may be the same ones" if len(places) > 1 else ""
         where = ", ".join(places)
         yield f"Not {where}: it brakes harder for the nearer lead on {harder} of {frames} frames{each}."
-    yield from (f"Not excluded: {words}." for words in _together(verdict.open_to))
-
-
-def _together(many: Sequence[str]) -> Iterator[str]:
-    """Yield what is not excluded, the places in which braking may not answer in one line."""
-    places = [one.removeprefix(OPEN_PLACE) for one in many if one.startswith(OPEN_PLACE)]
-    yield from (one for one in many if not one.startswith(OPEN_PLACE))
-    if places:
-        yield f"{OPEN_PLACE}{', '.join(places)}"
-
-
-OPEN_PLACE = "that its braking does not answer "
-"""How the words begin on a place in which the effect is neither shown nor bounded."""
+    yield from (f"Not excluded: {words}." for words in verdict.open_to)
 
 
 def _sight(mode: RequestMode) -> str:

@@ -266,7 +266,7 @@ def holes(found: NamedStatistics) -> tuple[Place, ...]:
 
 
 def open_kinds(found: NamedStatistics) -> Iterator[str]:
-    """Yield in words what is not excluded: kinds of pairs, thirds of the range, and places."""
+    """Yield in words what is not excluded: kinds of pairs, thirds of the range, and all places at once."""
     for kind, clause in zip(KINDS, NAMED, strict=True):
         if not clause.holds(found):
             yield f"that comparisons of {kind.replace('_', ' and ')} distances come out the wrong way round"
@@ -274,8 +274,8 @@ def open_kinds(found: NamedStatistics) -> Iterator[str]:
         if found[f"specificity_{name}"].ci is None and not any(hole.of == "range" for hole in holes(found)):
             yield f"that it brakes for a vehicle beside in the {name} third of the range"
     one = found["place_open"]
-    for place in one.places if isinstance(one, Places) else ():
-        yield f"that its braking does not answer {place.where}"
+    if isinstance(one, Places) and one.places:
+        yield f"that its braking does not answer {', '.join(place.where for place in one.places)}"
 
 
 def bound(found: NamedStatistics) -> str:
