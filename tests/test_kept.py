@@ -449,3 +449,20 @@ def test_columns_are_read_back_as_they_were() -> None:
         COLUMNS.read(memoryview(body.replace(b'"|b1"', b'"|O1"', 1).replace(b"|O1", b"|O8", 1)))
     with pytest.raises(ValueError, match="no line"):
         COLUMNS.read(memoryview(body.replace(b"\n", b" ")))
+
+
+@pytest.mark.parametrize(("young_ns", "times"), [(0, 1), (10**18, 3)])
+def test_a_file_is_hashed_once_a_process_unless_it_changed_lately(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, young_ns: int, times: int
+) -> None:
+    """A ledger may be large; one that changed lately may change again within a tick of its clock."""
+    (tmp_path / "ledger.sqlite").write_bytes(b"rows")
+    hashed: list[str] = []
+    whole = kept._hashed
+    monkeypatch.setattr(kept, "_hashed", lambda path: hashed.append(path) or whole(path))
+    monkeypatch.setattr(kept, "_YOUNG_NS", young_ns)
+    assert len({kept._seen(tmp_path, ["score"]).digest for _ in range(3)}) == 1
+    assert len(hashed) == times
+    (tmp_path / "ledger.sqlite").write_bytes(b"more")
+    kept._seen(tmp_path, ["score"])
+    assert len(hashed) == times + 1
