@@ -38,9 +38,9 @@ RESULT = Path(__file__).parent / "results" / "growth.json"
 STEPS = 12
 SMALLEST = (12, 1)
 AXES = {
-    "frames of one model": tuple((n, 1) for n in (144, 2304, 4608, 9216, 100_008)),
-    "models on 144 frames": tuple((144, models) for models in (1, 16, 32, 64, 100)),
-    "both": ((2304, 4), (4608, 8), (9216, 16), (100_008, 19)),
+    "frames of one model": tuple((n, 1) for n in (144, 1152, 2304, 4608, 9216, 14_400, 36_864, 100_008)),
+    "models on 144 frames": tuple((144, models) for models in (1, 8, 16, 24, 32, 48, 64, 80, 100)),
+    "both": ((1152, 2), (1728, 3), (2304, 4), (2880, 5), (4608, 8), (9216, 16), (100_008, 19)),
 }
 """Along each the numbers of frames and models."""
 

@@ -44,9 +44,25 @@ def ratios(ours: list[float], theirs: list[float]) -> list[float]:
     return [other / own for own, other in zip(ours, theirs, strict=True)]
 
 
+RUNS_BEFORE = 2
+"""So many runs before stand in a result, each with its load: a bound is to hold in three."""
+
+
 def keep(name: str, found: Mapping[str, Any]) -> None:
-    """Write a result with version, date and load."""
+    """Write a result with version, date and load, and the single numbers of the runs before."""
+    file = RESULTS / f"{name}.json"
+    old = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    before = [*old.get("before", []), *([{**_single(old), "load": old["load"]}] if old else [])][-RUNS_BEFORE:]
     told = {"version": __version__, "date": dt.datetime.now(dt.UTC).date().isoformat()}
     load = [round(one, 1) for one in os.getloadavg()]
-    text = json.dumps({**found, **told, "load": load}, indent=1, ensure_ascii=False)
-    (RESULTS / f"{name}.json").write_text(f"{text}\n", encoding="utf-8")
+    text = json.dumps({**found, **told, "load": load, "before": before}, indent=1, ensure_ascii=False)
+    file.write_text(f"{text}\n", encoding="utf-8")
+
+
+def _single(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the single numbers and words of a result, without its lists."""
+    return {
+        name: _single(one) if isinstance(one, dict) else one
+        for name, one in found.items()
+        if isinstance(one, dict | int | float | str)
+    }

@@ -490,13 +490,14 @@ def moved_of(answers: Answers) -> BrakingLevels:
 
 
 def _before(sent: Mapping[str, Codes], at: Mapping[str, Floats]) -> dict[str, Floats]:
-    """Return by condition the lead's distances in the pictures that were sent before each of its own."""
+    """Return by condition shown twice the lead's distances in the pictures that were sent before each of its own."""
     shown = np.full(1 + max((int(turns.max()) for turns in sent.values() if len(turns)), default=0), np.nan)
     for name, turns in sent.items():
         if picture := PICTURE_OF.get(name):
             shown[turns[turns >= 0]] = at[picture][turns >= 0]
     back = np.arange(1, EARLIER + 1)[:, None]
-    return {name: np.where(turns >= back, shown[np.maximum(turns - back, 0)], np.nan) for name, turns in sent.items()}
+    asked = {name: sent[name] for one in SHOWN_TWICE for name in TWICE[one] if name in sent}
+    return {name: np.where(turns >= back, shown[np.maximum(turns - back, 0)], np.nan) for name, turns in asked.items()}
 
 
 def _strata(answers: Answers) -> dict[str, Symbols]:
