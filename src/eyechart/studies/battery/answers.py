@@ -22,6 +22,7 @@ Symbols = NDArray[np.str_]
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int64]
+Turns = NDArray[np.int32]
 PairedValues = tuple[Floats, Mask]
 
 D = TypeVar("D")
@@ -59,7 +60,7 @@ class Answers:
     no_gap: str = NO_GAP
     has_text: bool = False
     made: Provenance = "rendered"
-    sent: Mapping[str, Codes] = field(default_factory=dict, compare=False)
+    sent: Mapping[str, Turns] = field(default_factory=dict, compare=False)
 
     def under(self, conditions: Collection[str]) -> "Answers":
         """Return the decisions under some conditions alone; ``finished`` still counts all calls."""
@@ -307,10 +308,10 @@ def answers_in(
     kept = shown[attempts.codes["condition"][rows]] & (place >= 0)
     rows, place = rows[kept], place[kept]
     conditions, table = attempts.codes["condition"][rows], np.array([*attempts.decisions, None], dtype=object)
-    turns, decisions, sent = np.searchsorted(attempts.of(model), rows), dict[str, Any](), dict[str, Codes]()
+    turns, decisions, sent = np.searchsorted(attempts.of(model), rows), dict[str, Any](), dict[str, Turns]()
     for code in np.flatnonzero(np.bincount(conditions)).tolist():
         name, own = attempts.names["condition"][code], conditions == code
-        column, sent[name] = (np.full(len(plan.frames), -1) for _ in range(2))
+        column, sent[name] = np.full(len(plan.frames), -1), np.full(len(plan.frames), -1, dtype=np.int32)
         column[place[own]], sent[name][place[own]] = attempts.decision[rows[own]], turns[own]
         decisions[name] = tuple(table[column].tolist())
     finished = len(rows) - int(attempts.error(rows, UNFINISHED).sum())

@@ -18,7 +18,7 @@ from eyechart.stats.jackknife import LEAST_EPISODES, excess_over_half, mean_of_f
 from eyechart.stats.order import Density, compared_twice, density, greatest_rise, order_of
 from eyechart.stats.paired_tests import Place, Places, sign_test
 from eyechart.stats.statistic import Statistic, not_available
-from eyechart.studies.battery.answers import Answers, Codes
+from eyechart.studies.battery.answers import Answers, Turns
 from eyechart.verdicts import MARGIN
 
 Floats = NDArray[np.float64]
@@ -489,7 +489,7 @@ def moved_of(answers: Answers) -> BrakingLevels:
     )
 
 
-def _before(sent: Mapping[str, Codes], at: Mapping[str, Floats]) -> dict[str, Floats]:
+def _before(sent: Mapping[str, Turns], at: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return by condition shown twice the lead's distances in the pictures that were sent before each of its own."""
     shown = np.full(1 + max((int(turns.max()) for turns in sent.values() if len(turns)), default=0), np.nan)
     for name, turns in sent.items():
