@@ -24,7 +24,6 @@ from hypothesis import settings
 from PIL import Image
 
 import known
-from eyechart.frames import BoundedCache
 
 if TYPE_CHECKING:
     from eyechart_organisms.calibration import Calibration
@@ -32,25 +31,33 @@ if TYPE_CHECKING:
 typer.main.get_command = typer.testing._get_command = cache(typer.main.get_command)
 """The tree of commands does not change, and each call of a command in this process would build it anew."""
 
+MOST_KEPT = 3000
+"""So many encoded pictures are kept, most of some 10 kB."""
 Save = Callable[[Image.Image, IO[bytes], str | bytes], None]
 
 
 def encoded_once(save: Save) -> Save:
-    """Return Pillow's encoder as one that encodes equal pixels once: many tests show and print the same pictures."""
-    kept: BoundedCache[bytes, bytes] = BoundedCache(len, 50_000_000, 20_000)
+    """Return Pillow's encoder as one that encodes equal pixels once: many tests show and print the same pictures.
+
+    It asks eyechart for nothing, so that the tests of what fell run on an older source too.
+    """
+    kept: dict[bytes, bytes] = {}
 
     def save_kept(image: Image.Image, file: IO[bytes], name: str | bytes) -> None:
         plain = all(isinstance(one, bool | int | float | str | bytes) for one in image.encoderinfo.values())
         if image.info or image.mode != "RGB" or not plain:  # what there is besides pixels is written too
             return save(image, file, name)
 
-        def encoded() -> bytes:
+        how = f"{image.size} {sorted(image.encoderinfo.items())}".encode()
+        digest = hashlib.sha256(how + image.tobytes()).digest()
+        encoded = kept.get(digest)
+        if encoded is None:
             buffer = io.BytesIO()
             save(image, buffer, name)
-            return buffer.getvalue()
-
-        how = f"{image.size} {sorted(image.encoderinfo.items())}".encode()
-        file.write(kept.get(hashlib.sha256(how + image.tobytes()).digest(), encoded))
+            if len(kept) >= MOST_KEPT:
+                kept.clear()
+            encoded = kept[digest] = buffer.getvalue()
+        file.write(encoded)
         return None
 
     return save_kept
