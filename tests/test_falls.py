@@ -37,3 +37,14 @@ def test_every_row_says_what_fell_where_and_what_holds_it() -> None:
     for fall in FALLS:
         assert fall.keys() - {"pages"} == {"found", "what", "test"}, fall
         assert fall["what"].endswith("."), fall
+
+
+def test_the_options_of_all_tests_import_what_the_older_version_has() -> None:
+    """Or none of these tests would run on its source, and nothing would show that it fell there."""
+    had = {"frames": {"BankWriter", "FrameBank", "open_bank"}, "manifest": {"RUN"}, "simulators": {"open_bank_simulator"}}
+    for file in ("conftest", "known"):
+        tree = ast.parse((ROOT / "tests" / f"{file}.py").read_text(encoding="utf-8"))
+        for one in tree.body:
+            if isinstance(one, ast.ImportFrom) and str(one.module).startswith("eyechart"):
+                new = {name.name for name in one.names} - had.get(str(one.module).removeprefix("eyechart."), set())
+                assert not new, f"{file}: import {', '.join(new)} where it is used"
