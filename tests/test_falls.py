@@ -41,7 +41,11 @@ def test_every_row_says_what_fell_where_and_what_holds_it() -> None:
 
 def test_the_options_of_all_tests_import_what_the_older_version_has() -> None:
     """Or none of these tests would run on its source, and nothing would show that it fell there."""
-    had = {"frames": {"BankWriter", "FrameBank", "open_bank"}, "manifest": {"RUN"}, "simulators": {"open_bank_simulator"}}
+    had = {
+        "frames": {"BankWriter", "FrameBank", "open_bank"},
+        "manifest": {"RUN"},
+        "simulators": {"open_bank_simulator"},
+    }
     for file in ("conftest", "known"):
         tree = ast.parse((ROOT / "tests" / f"{file}.py").read_text(encoding="utf-8"))
         for one in tree.body:
