@@ -44,7 +44,10 @@ KINDS: Mapping[ErrorKind, tuple[Then, str]] = MappingProxyType(
     {
         "rate_limited": ("again", "429"),
         "server_error": ("again", "5xx or 425, or an error inside a reply of status 200"),
-        "connection": ("again", "refused, reset, closed before a reply began, or a certificate that is not trusted"),
+        "connection": (
+            "again",
+            "refused, reset, closed before a reply began, a certificate that is not trusted, or no descriptor is left",
+        ),
         "cut_short": ("again", "the body ended before it was whole"),
         "timeout": ("again", "no whole reply within the mode's time, or 408"),
         "unreadable": ("again", "no HTTP, no JSON, not of the API's shape, or more than 8 MB"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eyechart.calls import Query, Reply
+from eyechart.calls import UNFINISHED, Query, Reply
 from eyechart.errors import SpecError
 from eyechart.frames import Stimulus, encode
 from eyechart.models import Model, open_model
@@ -34,6 +34,9 @@ drive = robot.drive
 
 def breaks(prompt, image):
     raise RuntimeError("no motor, and the key is " + os.environ["ROBOT_API_KEY"])
+
+def opens(prompt, image):
+    raise OSError(24, "Too many open files", "weights")
 
 def stops(prompt, image):
     raise StopIteration("done")
@@ -121,6 +124,13 @@ def test_functions_objects_and_coroutines_are_callables(module: str, function: s
 def test_what_a_callable_raises_is_a_reply_without_secrets(module: str, function: str, detail: str) -> None:
     """The run goes on, and no key of the environment is written down."""
     assert ask(opened(module, function)) == Reply(error="exception", error_detail=detail)
+
+
+def test_a_callable_that_finds_no_descriptor_left_is_asked_again_later(module: str) -> None:
+    """This machine lacks one just now, which says nothing about the model: such a call stays unfinished."""
+    found = ask(opened(module, "opens"))
+    assert found.error in UNFINISHED
+    assert str(found.error_detail).startswith("OSError: [Errno 24] Too many open files")
 
 
 def test_synchronous_callables_run_at_the_same_time(module: str) -> None:

@@ -16,7 +16,8 @@ from urllib.parse import urlsplit
 from eyechart import __version__
 from eyechart.calls import Query, Reply, bounded, invalid_field
 from eyechart.errors import SpecError, did_you_mean
-from eyechart.modes import RequestMode, each_without_secrets, in_one_line, read_mode
+from eyechart.models.batches import raised
+from eyechart.modes import RequestMode, each_without_secrets, read_mode
 
 
 class Model(Protocol):
@@ -208,7 +209,7 @@ async def ask(model: Model, query: Query) -> Reply:
         # The adapter cancelled its own request. Raised here, it would silently end a worker.
         reply = Reply(error="exception", error_detail="CancelledError: the adapter cancelled its own request")
     except Exception as error:  # noqa: BLE001 - it is a row, not the end of the run
-        reply = Reply(error="exception", error_detail=in_one_line(error, 2000))
+        reply = raised(error, 2000)
     seconds = time.perf_counter() - start
     return reply if reply.seconds is not None else replace(reply, seconds=seconds)
 

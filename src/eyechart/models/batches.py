@@ -1,6 +1,7 @@
 """Queries that wait together and are answered in one call of a callable, each with its own reply."""
 
 import asyncio
+import errno
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
@@ -107,9 +108,13 @@ async def in_time(
         if count > 1:
             raise NotEachError(in_one_line(error)) from error
         found = [error]
-    return [
-        Reply(error="exception", error_detail=in_one_line(one)) if isinstance(one, Exception) else one for one in found
-    ]
+    return [raised(one) if isinstance(one, Exception) else one for one in found]
+
+
+def raised(error: Exception, most: int = 500) -> Reply:
+    """Return the failed reply of a call that raised; a lack of file descriptors here may pass."""
+    passes = isinstance(error, OSError) and error.errno in {errno.EMFILE, errno.ENFILE}
+    return Reply(error="connection" if passes else "exception", error_detail=in_one_line(error, most))
 
 
 def is_size(declared: object) -> TypeGuard[int | None]:
