@@ -496,8 +496,10 @@ def _before(sent: Mapping[str, Turns], at: Mapping[str, Floats]) -> dict[str, Fl
         if picture := PICTURE_OF.get(name):
             shown[turns[turns >= 0]] = at[picture][turns >= 0]
     back = np.arange(1, EARLIER + 1)[:, None]
-    asked = {name: sent[name] for one in SHOWN_TWICE for name in TWICE[one] if name in sent}
-    return {name: np.where(turns >= back, shown[np.maximum(turns - back, 0)], np.nan) for name, turns in asked.items()}
+    turns_of = {name: sent[name] for one in SHOWN_TWICE for name in TWICE[one] if name in sent}
+    return {
+        name: np.where(turns >= back, shown[np.maximum(turns - back, 0)], np.nan) for name, turns in turns_of.items()
+    }
 
 
 def _strata(answers: Answers) -> dict[str, Symbols]:
