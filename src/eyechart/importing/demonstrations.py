@@ -186,7 +186,7 @@ def read_demonstrations(
 ) -> Demonstrations:
     """Read what the files hold; raises SourceError for another layout or for a contradiction."""
     found, said, tasks = list[Demonstration](), list[str](), dict[str, int]()
-    first, program, rates = None, "", set[float | None]()
+    first, program, rates, beside = None, "", set[float | None](), set[str]()
     for path in hdf5_files(folder):
         with opened(path) as file:
             own = _program(file)
@@ -198,6 +198,7 @@ def read_demonstrations(
             task = tasks.setdefault(words, len(tasks)) if words else None
             for group in _episodes(file, own):
                 contents = _contents(group, own)
+                beside |= {name for name in group.members() if "action" in name and name != ACTIONS[own]}
                 first = first or contents
                 _require_same(first, contents, group.label)
                 found.append(Demonstration(path, group.name, contents.length, task))
@@ -208,6 +209,8 @@ def read_demonstrations(
     fps, root = _rate(rates, rate, folder), folder if folder.is_dir() else folder.parent
     info = Info("hdf5", fps, dict(first.features))
     reels = {name: StoredPictures(found, first.places[name]) for name in _cameras(info, folder, camera, said, every)}
+    if beside:
+        said.append(f"left out, beside '{ACTIONS[program]}': {', '.join(map(printable, sorted(beside)))}")
     if program != "ACT":
         said.append("pictures are as they are stored: those of robosuite may be upside down")
     return Demonstrations(

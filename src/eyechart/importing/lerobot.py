@@ -193,7 +193,7 @@ def import_lerobot(
     if ahead is not None and chosen.rig is not None:
         rig, settings[KIND] = _with_kind(_with_rotations(data, chosen.rig, kept, ahead), kept, ahead)
         chosen = replace(chosen, rig=rig)
-        data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
+        data.said.extend(_left_out(data, rig, *_features_of(data, ahead)))
     data.said.extend(data.timeline.said())
     source = ImportSource(folder, partial(_pictures, data, kept), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
@@ -345,16 +345,19 @@ def _sized(feature: Feature) -> str:
     return f"{'×'.join(map(str, feature.size))} number{'' if feature.size == (1,) else 's'}"
 
 
-def _left_of_state(data: Dataset, rig: SensorLayout, taken: Sequence[str]) -> list[str]:
-    """Return the observed numbers that are not in the policy's state."""
-    left = [
-        f"'{name}' ({_sized(feature)})"
-        for name, feature in data.features.items()
-        if data.is_observed(name) and feature.size and not feature.is_picture and name not in taken
-    ]
-    more = f", and {len(left) - 20} more" if len(left) > 20 else ""
-    has = " and ".join(f"'{name}'" for name in taken) if rig.state else "nothing"
-    return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
+def _left_out(data: Dataset, rig: SensorLayout, state: Sequence[str], action: Sequence[str]) -> Iterator[str]:
+    """Yield the observed numbers that are not in the policy's state, and actions that are not in its motion."""
+    for of, taken in (("state", state if rig.state else ()), ("motion", action)):
+        left = [
+            f"'{name}' ({_sized(feature)})"
+            for name, feature in data.features.items()
+            if (data.is_observed(name) if of == "state" else ACTION[0] in name and not data.is_observed(name))
+            and not (not feature.size or feature.is_picture or name in taken)
+        ]
+        more = f", and {len(left) - 20} more" if len(left) > 20 else ""
+        has = " and ".join(f"'{name}'" for name in taken) or "nothing"
+        if left:
+            yield f"left out of the {of}, which has {has}: {', '.join(left[:20])}{more}"
 
 
 def _with_rotations(data: Dataset, rig: SensorLayout, kept: BankRows, ahead: Horizon) -> SensorLayout:
