@@ -198,15 +198,18 @@ def _counted_twice(bank: FrameBank) -> Iterator[str]:
 
 def _nearly_one(bank: FrameBank) -> Iterator[str]:
     """Yield names and columns that differ from others only in case or leading zeros."""
-    for place, names in (("episode", {one.episode for one in bank}), ("scenario", {one.scenario for one in bank})):
+    named = {"episodes": {one.episode for one in bank}, "scenarios": {one.scenario for one in bank}}
+    for name in bank.frames[0].strata:
+        named[f"values of '{name}'"] = {str(value) for one in bank if (value := one.strata.get(name)) is not None}
+    for place, names in named.items():
         first: dict[str, str] = {}
         pairs = [
             (other, name) for name in sorted(names) if (other := first.setdefault(loosely_alike(name), name)) != name
         ]
-        if pairs and place not in bank.manifest.absent:
+        if pairs and place[:-1] not in bank.manifest.absent:
             more = f", as do {len(pairs) - 1} more" if len(pairs) > 1 else ""
             yield (
-                f"the {place}s {pairs[0][0]!a} and {pairs[0][1]!a} differ only in capital letters or leading zeros, "
+                f"the {place} {pairs[0][0]!a} and {pairs[0][1]!a} differ only in capital letters or leading zeros, "
                 f"and count as two{more}"
             )
     columns = bank.manifest.settings.get("columns")
