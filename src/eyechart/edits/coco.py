@@ -68,6 +68,7 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     pictures, things = Photographs(folder, objects.parent), defaultdict[int | str, list[ObjectBox]](list)
     for one in found.annotations:
         where = f"{objects.name}, annotation {one.id}"
+        one.attributes = {name.lower(): value for name, value in one.attributes.items()}
         with faults.noted():
             if one.image_id not in images:  # its picture would pass for an empty road
                 raise SourceError(f"{where}: no image has its image_id {one.image_id!r}")
