@@ -21,7 +21,7 @@ def doubts(bank: FrameBank) -> Iterator[str]:
     """Yield a line for each doubt about the pictures and the distances of a bank, with what to do."""
     yield from _dark(bank)
     yield from _sizes(bank)
-    if bank.manifest.independent and len(bank) > 2:
+    if bank.manifest.independent:
         yield from _of_a_film(bank)
     for kind in sorted({kind for frame in bank for kind in frame.counterfactuals}):
         yield from _copied(bank, kind)
@@ -132,20 +132,12 @@ def _sizes(bank: FrameBank) -> Iterator[str]:
 
 
 def _of_a_film(bank: FrameBank) -> Iterator[str]:
-    """Yield that frames declared independent have steps, or are like the next by name."""
-    frames = sorted(bank, key=lambda one: one.id)
-    places = range(0, len(bank) - 1, max(1, len(bank) // _LOOKED_AT))
-    shown = np.array([[_parts(bank, one) for one in frames[place : place + 2]] for place in places])
-    away = (shown[:, 0] - other for other in (shown[:, 1], np.roll(shown[:, 0], len(shown) // 2, 0)))
-    near, far = (np.median(abs(one).mean(1)) for one in away)
-    if near < far / 2 or "step" not in bank.manifest.absent:
+    """Yield that frames declared independent have steps, or the colours of the next by name."""
+    some = sorted(bank, key=lambda one: one.id)[-2 * _LOOKED_AT :]
+    colours = np.array([decode(next(iter(bank.images(one).values())), one.id).mean((0, 1)) for one in some])
+    near, far = (np.median(abs(colours - np.roll(colours, by, 0))) for by in (1, len(some) // 2))
+    if near < far / 3 or "step" not in bank.manifest.absent:
         yield "--independent, but frames have steps, or are like the next by name, as in a film: --map episode=COLUMN"
-
-
-def _parts(bank: FrameBank, frame: Frame) -> list[float]:
-    """Return the mean levels of a picture's 8 × 8 parts."""
-    rows = np.array_split(decode(next(iter(bank.images(frame).values())), frame.id), 8)
-    return [float(part.mean()) for row in rows for part in np.array_split(row, 8, 1)]
 
 
 def _dark(bank: FrameBank) -> Iterator[str]:
