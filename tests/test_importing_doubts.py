@@ -171,6 +171,22 @@ def test_a_stratum_that_names_no_place_is_said(tmp_path: Path) -> None:
     assert (MOST_OF_STRATUM, FEWEST_OF_VALUE) == (MOST_OF_COLUMN, FEWEST_OF_PLACE)
 
 
+def test_rows_of_one_name_between_which_others_lie_are_doubted_without_steps(tmp_path: Path) -> None:
+    """Drives of two days may be called alike; with steps, the same one occurs twice, and is refused."""
+    words = "as its steps, in their order; rows of others lie between: are two called alike?"
+    (tmp_path / "whole").mkdir()
+    assert words not in " ".join(costs(bank(made(tmp_path / "whole"))))
+    assert words in " ".join(costs(bank(made(tmp_path, episode=["a", "a", "b", "b"] * 2))))
+
+
+def test_a_column_that_is_called_as_a_unit_is_in_it(tmp_path: Path) -> None:
+    """Feet were taken for the metres of --unit."""
+    made(tmp_path, ft=GAPS)
+    choices = Choices(columns={"gap": "ft"}, threshold=18.0, unit="m")
+    with pytest.raises(SourceError, match="unit m: the gap's column 'ft' says ft; leave out"):
+        import_table(tmp_path, tmp_path / "table.csv", tmp_path / "bank", choices)
+
+
 @pytest.mark.parametrize("names", [("Night", "night"), ("01", "1")])
 def test_strata_in_other_letters_or_with_zeros_are_two_and_named(names: tuple[str, str], tmp_path: Path) -> None:
     """As names of drives are, once; an empty cell is none of them."""
@@ -182,11 +198,20 @@ def test_strata_in_other_letters_or_with_zeros_are_two_and_named(names: tuple[st
     assert said == [f"the values of 'light' '{one}' and '{other}' {how}"]
 
 
+def test_words_of_prompts_in_other_letters_are_two_and_named(tmp_path: Path) -> None:
+    """Whoever exchanges such instructions exchanges nothing."""
+    table = made(tmp_path, task=["Stop", "stop"] * 4)
+    found = costs(
+        import_table(tmp_path, table, tmp_path / "bank", Choices(columns={"gap": ""}, prompt_columns=("task",)))
+    )
+    assert "the values of 'task' 'Stop' and 'stop' differ only in" in " ".join(found)
+
+
 def film(folder: Path, *, names: Sequence[int], steps: bool = False) -> FrameBank:
-    """Import frames of a bar that goes over the picture, under the names given, as independent draws."""
+    """Import frames of a thing that comes nearer, under the names given, as independent draws."""
     for number, name in enumerate(names):
         pixels = np.full((24, 64, 3), 90, np.uint8)
-        pixels[:, 2 * number : 2 * number + 16] = 200
+        pixels[:, : 2 * number] = 200
         Image.fromarray(pixels).save(folder / f"{name:03}.png")
     head, order = ["file,gap,step", "file,gap"][not steps], np.random.default_rng(0).permutation(names)
     rows = [f"{name:03}.png,{5 + name}{f',{name}' * steps}" for name in order]

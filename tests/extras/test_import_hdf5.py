@@ -104,7 +104,7 @@ def test_actions_beside_those_that_are_read_are_named(tmp_path: Path) -> None:
     assert not any("beside" in line for line in taken(bank_of(tmp_path / "set", rate=50, out="without")))
     with h5py().File(tmp_path / "set/episode_3.hdf5", "a") as file:
         file["base_action"] = np.ones((LENGTH, 2))
-    assert "left out, beside 'action': base_action" in taken(bank_of(tmp_path / "set", rate=50))
+    assert "left out, beside 'action': 'base_action'" in taken(bank_of(tmp_path / "set", rate=50))
 
 
 def test_encoded_pictures_of_act_are_decoded_without_their_padding(tmp_path: Path) -> None:
