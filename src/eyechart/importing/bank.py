@@ -884,7 +884,11 @@ def write(
                 added.append(whole)
             if progress is not None:
                 progress(number, len(frames))
-        said = [*kept.said, *source.said]
+        said = [
+            *kept.said,
+            *source.said,
+            *(f"column {one} is left out: it has no plain values" for one in kept.table.unread),
+        ]
         if windows is not None:
             windows.require_some(added)
             said += windows.said()
