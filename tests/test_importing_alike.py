@@ -107,6 +107,8 @@ def test_single_pictures_that_stand_there_twice_are_counted_and_named(table: Tab
         ("1", "1.0"),
         ("+1", "1"),
         ("a\u200bb", "ab"),
+        ("a\x00b", "ab"),
+        ("a\x7fb", "ab"),
         ("a b", "a  b"),
         ("a b", "a\u00a0b"),
         ("\uff41", "a"),

@@ -171,6 +171,68 @@ def test_a_stratum_that_names_no_place_is_said(tmp_path: Path) -> None:
     assert (MOST_OF_STRATUM, FEWEST_OF_VALUE) == (MOST_OF_COLUMN, FEWEST_OF_PLACE)
 
 
+def test_rows_of_one_name_between_which_others_lie_are_doubted_without_steps(tmp_path: Path) -> None:
+    """Drives of two days may be called alike; with steps, the same one occurs twice, and is refused."""
+    words = "as its steps, in their order; rows of others lie between: are two called alike?"
+    (tmp_path / "whole").mkdir()
+    assert words not in " ".join(costs(bank(made(tmp_path / "whole"))))
+    assert words in " ".join(costs(bank(made(tmp_path, episode=["a", "a", "b", "b"] * 2))))
+
+
+def test_a_column_that_is_called_as_a_unit_is_in_it(tmp_path: Path) -> None:
+    """Feet were taken for the metres of --unit."""
+    made(tmp_path, ft=GAPS)
+    choices = Choices(columns={"gap": "ft"}, threshold=18.0, unit="m")
+    with pytest.raises(SourceError, match="unit m: the gap's column 'ft' says ft; leave out"):
+        import_table(tmp_path, tmp_path / "table.csv", tmp_path / "bank", choices)
+
+
+@pytest.mark.parametrize("names", [("Night", "night"), ("01", "1")])
+def test_strata_in_other_letters_or_with_zeros_are_two_and_named(names: tuple[str, str], tmp_path: Path) -> None:
+    """As names of drives are, once; an empty cell is none of them."""
+    light = [*names, *names, "None", "", *names]
+    found = costs(bank(made(tmp_path, light=light), strata=("light",)))
+    one, other = sorted(names)
+    said = [line for line in found if "differ only" in line]
+    how = "differ only in capital letters or leading zeros, and count as two"
+    assert said == [f"the values of 'light' '{one}' and '{other}' {how}"]
+
+
+def test_words_of_prompts_in_other_letters_are_two_and_named(tmp_path: Path) -> None:
+    """Whoever exchanges such instructions exchanges nothing."""
+    table = made(tmp_path, task=["Stop", "stop"] * 4)
+    found = costs(
+        import_table(tmp_path, table, tmp_path / "bank", Choices(columns={"gap": ""}, prompt_columns=("task",)))
+    )
+    assert "the values of 'task' 'Stop' and 'stop' differ only in" in " ".join(found)
+
+
+def film(folder: Path, *, names: Sequence[int], steps: bool = False) -> FrameBank:
+    """Import frames of a thing that comes nearer, under the names given, as independent draws."""
+    for number, name in enumerate(names):
+        pixels = np.full((24, 64, 3), 90, np.uint8)
+        pixels[:, : 2 * number] = 200
+        Image.fromarray(pixels).save(folder / f"{name:03}.png")
+    head, order = ["file,gap,step", "file,gap"][not steps], np.random.default_rng(0).permutation(names)
+    rows = [f"{name:03}.png,{5 + name}{f',{name}' * steps}" for name in order]
+    (folder / "table.csv").write_text("\n".join([head, *rows]))
+    choices = Choices(threshold=18.0, unit="m", independent=True)
+    return import_table(folder, folder / "table.csv", folder / "bank", choices)
+
+
+def test_frames_of_a_film_that_are_declared_independent_are_doubted(tmp_path: Path) -> None:
+    """By their steps, or because each is like the next one by name; those in no order are believed."""
+    words, mixed = (
+        "frames have steps, or are like the next by name, as in a film",
+        np.random.default_rng(1).permutation(24),
+    )
+    for name in ("film", "steps", "mixed"):
+        (tmp_path / name).mkdir()
+    assert words in " ".join(costs(film(tmp_path / "film", names=range(24))))
+    assert words in " ".join(costs(film(tmp_path / "steps", names=mixed.tolist(), steps=True)))
+    assert words not in " ".join(costs(film(tmp_path / "mixed", names=mixed.tolist())))
+
+
 def test_a_stratum_with_the_name_of_the_distances_is_refused(tmp_path: Path) -> None:
     """A hole in it was taken for a part of the distance, and ended the reading of a run."""
     with pytest.raises(SourceError, match="strata range: a verdict calls the parts of the distance so; rename"):

@@ -17,6 +17,7 @@ from annotation_forms import WRITERS, coco, kitti, nuscenes
 from drawn_roads import EYE_M, HORIZON, LANE_M, SLOPE
 from eyechart.cli.app import app
 from eyechart.edits import ANNOTATION_FORMATS, Photo, read_format
+from eyechart.edits.annotations import IGNORED, OTHER
 from eyechart.edits.coco import mask_of_runs
 from eyechart.edits.geometry import Box
 from eyechart.edits.nuscenes import turned
@@ -226,6 +227,11 @@ def test_a_broken_table_of_nuscenes_is_named(tmp_path: Path) -> None:
         (lambda whole: [one["attributes"].update(role="lead") for one in whole["annotations"]], "one object leads"),
         (lambda whole: whole["images"].append({**whole["images"][0], "id": 2}), "is already in instances.json, image"),
         (lambda whole: whole["images"].append(dict(whole["images"][0])), "2 images have the id '000000.png'"),
+        (lambda whole: whole["categories"].append({"id": 1, "name": "own"}), "2 categories have the id 1"),
+        (
+            lambda whole: whole["annotations"][0].update(category_id=4),
+            "no category has its category_id 4",
+        ),
     ],
 )
 def test_what_would_empty_a_road_in_silence_is_a_fault(
@@ -239,6 +245,36 @@ def test_what_would_empty_a_road_in_silence_is_a_fault(
     with pytest.raises(SourceError) as caught:
         read_format("coco", photos, objects, None)
     assert words in str(caught.value)
+
+
+def test_an_attribute_counts_in_capitals_too(tmp_path: Path) -> None:
+    """The lead would be another thing, and its distance unknown."""
+    photos, objects = coco(tmp_path, DRAWN[:1])
+    whole = json.loads(objects.read_text())
+    whole["annotations"][0]["attributes"] = {"Role": "lead", "Distance_m": 7.5}
+    objects.write_text(json.dumps(whole))
+    (photo,) = read_format("coco", photos, objects, None).photos
+    assert photo.lead is not None
+    assert photo.lead.distance_m == 7.5
+
+
+def test_a_part_of_kitti_that_nobody_looked_at_is_left_out_however_it_is_written(tmp_path: Path) -> None:
+    """It would stand on the road as a thing."""
+    photos, objects = kitti(tmp_path, DRAWN[:1])
+    labels = objects / "000000.txt"
+    labels.write_text(labels.read_text().replace("DontCare", "Dontcare"))
+    assert [one.role for one in read_format("kitti", photos, objects, None).photos[0].things][-1] == IGNORED
+
+
+def test_an_object_without_a_category_is_not_of_the_one_with_the_number_0(tmp_path: Path) -> None:
+    """Nor does a category that is listed twice by one name matter."""
+    photos, objects = coco(tmp_path, DRAWN[:1])
+    whole = json.loads(objects.read_text())
+    whole["categories"] = [{"id": 0, "name": "own"}, {"id": 0, "name": "Own"}]
+    for one in whole["annotations"]:
+        del one["category_id"]
+    objects.write_text(json.dumps(whole))
+    assert {one.role for one in read_format("coco", photos, objects, None).photos[0].things} == {OTHER}
 
 
 @pytest.mark.parametrize(

@@ -98,6 +98,15 @@ def test_act_is_read_to_the_bit(tmp_path: Path) -> None:
     assert bank.manifest.motion.kind == "absolute"
 
 
+def test_actions_beside_those_that_are_read_are_named(tmp_path: Path) -> None:
+    """As Mobile ALOHA writes those of its wheels, also where only one file has them."""
+    act(tmp_path / "set")
+    assert not any("beside" in line for line in taken(bank_of(tmp_path / "set", rate=50, out="without")))
+    with h5py().File(tmp_path / "set/episode_3.hdf5", "a") as file:
+        file["base_action"] = np.ones((LENGTH, 2))
+    assert "left out, beside 'action': 'base_action'" in taken(bank_of(tmp_path / "set", rate=50))
+
+
 def test_encoded_pictures_of_act_are_decoded_without_their_padding(tmp_path: Path) -> None:
     """Files may be padded to different lengths."""
     bank = bank_of(act(tmp_path / "set", compressed=True), rate=50)

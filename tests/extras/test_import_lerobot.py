@@ -455,6 +455,15 @@ def test_numbers_that_a_policy_does_not_get_are_named(tmp_path: Path) -> None:
     assert "'action' (180 numbers)" in refused(tmp_path / "set")
 
 
+def test_actions_that_are_not_in_the_motion_are_named(tmp_path: Path) -> None:
+    """As those of the wheels beside those of the arms."""
+    arm(tmp_path / "set", inside=True)
+    more = {"base_action": {"dtype": "float32", "shape": [2], "names": None}, "next.reward": {"dtype": "float32"}}
+    describe(tmp_path / "set", lambda info: info["features"].update(more))
+    said = [line for line in taken(bank_of(tmp_path / "set")) if "left out of the motion" in line]
+    assert said == ["left out of the motion, which has 'action': 'base_action' (2 numbers)"]
+
+
 def test_places_of_another_unit_or_frame_are_asked_for(tmp_path: Path) -> None:
     """That they are far from the state does not make them changes; who says the kind is believed."""
     pa, pq = arrow()

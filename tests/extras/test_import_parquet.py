@@ -46,13 +46,16 @@ def photos(tmp_path: Path) -> Path:
 
 
 def test_a_parquet_table_gives_the_bank_of_the_same_csv(photos: Path, tmp_path: Path) -> None:
-    """Columns that are no plain values are left out; nulls are empty cells."""
+    """Columns that are no plain values are left out and named; nulls are empty cells."""
     rows = photographs.rows()
     (tmp_path / "t.csv").write_text(photographs.as_csv(rows))
     columns = {**columns_of(rows), "scan": [[1.0, 2.0]] * len(rows), "raw": [b"x"] * len(rows)}
     table = write_table(tmp_path / "t.parquet", columns, row_group_size=7)
     banks = [import_table(photos, tmp_path / name, tmp_path / f"{name}-bank", WHOLE) for name in ("t.csv", table.name)]
     assert banks[0].manifest.fingerprint == banks[1].manifest.fingerprint
+    words = "is left out: it has no plain values"
+    left = [[one.split()[1] for one in taken(bank) if one.endswith(words)] for bank in banks]
+    assert left == [[], ["'scan'", "'raw'"]]
 
 
 BOMBS = """

@@ -61,11 +61,14 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     """Read a JSON file; a category or a role called ``lead`` or ``own`` says so of its objects."""
     found = read_document(objects, _Set, "COCO file")
     images = Counter(one.id for one in found.images)
-    faults.take(f"{objects.name}: {many} images have the id {one!r}" for one, many in images.items() if many > 1)
-    names = {one.id: one.name.strip().lower() for one in found.categories}
+    named = {(one.id, one.name.strip().lower()) for one in found.categories}
+    for what, ids in (("images", images), ("categories", Counter(one for one, _ in named))):
+        faults.take(f"{objects.name}: {many} {what} have the id {one!r}" for one, many in ids.items() if many > 1)
+    names: dict[int | None, str] = dict(named)
     pictures, things = Photographs(folder, objects.parent), defaultdict[int | str, list[ObjectBox]](list)
     for one in found.annotations:
         where = f"{objects.name}, annotation {one.id}"
+        one.attributes = {name.lower(): value for name, value in one.attributes.items()}
         with faults.noted():
             if one.image_id not in images:  # its picture would pass for an empty road
                 raise SourceError(f"{where}: no image has its image_id {one.image_id!r}")
@@ -81,7 +84,7 @@ def read(folder: Path, objects: Path, faults: Faults) -> Annotations:
     return Annotations(tuple(photos), ())
 
 
-def _thing(one: _Object, names: dict[int, str], where: str) -> ObjectBox:
+def _thing(one: _Object, names: dict[int | None, str], where: str) -> ObjectBox:
     x, y, width, height = one.bbox
     if width <= 0 or height <= 0:
         raise SourceError(f"{where}: its box is empty")
@@ -104,13 +107,15 @@ def _thing(one: _Object, names: dict[int, str], where: str) -> ObjectBox:
     )
 
 
-def _role(one: _Object, names: dict[int, str], where: str) -> str:
+def _role(one: _Object, names: dict[int | None, str], where: str) -> str:
     """Return the attribute ``role``, else what the category's name says; raises SourceError."""
     said = str(one.attributes.get("role") or "").strip().lower()
     if said not in ROLES:
         known = f"lead, own, ignored, or empty for another thing{suggestion(said, ROLES)}"
         raise SourceError(f"{where}: role is '{said[:40]}', not {known}")
-    called = names.get(one.category_id or 0, "")
+    if names and one.category_id not in {None, *names}:
+        raise SourceError(f"{where}: no category has its category_id {one.category_id}")
+    called = names.get(one.category_id, "")
     return said or (called if called in {LEAD, OWN} else OTHER)
 
 

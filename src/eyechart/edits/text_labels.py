@@ -19,7 +19,7 @@ from eyechart.records import parse_json
 _OF_KITTI = 15
 """Type, truncated, occluded, alpha, 4 of the box, height, width, length, x, y, z, rotation."""
 
-_UNMARKED = "DontCare"
+_UNMARKED = "dontcare"
 
 
 def read_kitti(folder: Path, objects: Path, faults: Faults) -> Annotations:
@@ -43,7 +43,7 @@ def read_kitti(folder: Path, objects: Path, faults: Faults) -> Annotations:
 def _of_kitti(words: list[str], where: str) -> ObjectBox:
     values = numbers_of(words[1:], where, _OF_KITTI - 1, f"{_OF_KITTI} fields of KITTI's labels")
     truncated, occluded, _, x0, y0, x1, y1, _, width, length, _, _, ahead, turned = values[: _OF_KITTI - 1]
-    if words[0] == _UNMARKED:
+    if words[0].lower() == _UNMARKED:
         return ObjectBox(IGNORED, Box(x0, y0, x1, y1), None, where=where)
     if x1 <= x0 or y1 <= y0:
         raise SourceError(f"{where}: its box is empty")

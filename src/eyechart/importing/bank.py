@@ -90,8 +90,6 @@ _MOVED = frozenset({*DISTANCES, *(f"{kind}_m" for kind in reading.PICTURED)})
 """The columns with distances in pictures that moved one thing, in the gap's unit."""
 _NUMBERS = ("gap", "state ", "motion ")
 """The prefixes of the places whose cells are numbers."""
-_RANGE = "range"
-"""What a verdict calls the parts of the distance, beside its strata."""
 UNDESCRIBED = "pictures of a camera"
 """The default description of the pictures."""
 
@@ -254,9 +252,8 @@ def import_rows(
                 same += len(frame.counterfactuals) - len(shown[0].counterfactuals)
                 yield shown
         kept.faults.require_none(table.name)
-        said.extend(
-            [f"{counted(same, 'picture')} of {_RECOLOURED} repeat the file, and count as missing"][: bool(same)]
-        )
+        if same:
+            said.append(f"{counted(same, 'picture')} of {_RECOLOURED} repeat the file, and count as missing")
 
     frames = frames_of(kept, choices, cells)
     source = ImportSource(
@@ -291,9 +288,7 @@ def _opened(table: Path, reads: Progress | None, choices: Choices) -> SourceTabl
     try:
         return open_table(table, reads)
     except SourceError:
-        faults = Faults()
-        faults.take(choices.wrong)
-        faults.require_none(table.name)
+        Faults(choices.wrong).require_none(table.name)
         raise
 
 
@@ -302,15 +297,11 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
 
     def read(files: Mapping[str, str], under: Callable[[str], str]) -> tuple[dict[str, bytes], dict[str, str]]:
         found = {name: photographs.read(file.removeprefix(under(name)), where) for name, file in files.items()}
-        return {name: one for name, (one, _) in found.items()}, {
-            name: under(name) + to for name, (_, to) in found.items()
-        }
+        files = {name: under(name) + to for name, (_, to) in found.items()}
+        return {name: one for name, (one, _) in found.items()}, files
 
     images, files = read(frame.pictures, lambda name: _under(choices, name))
-    drawn = {
-        kind: read(counterfactual, partial(_beside, choices, kind))
-        for kind, counterfactual in frame.counterfactuals.items()
-    }
+    drawn = {kind: read(one, partial(_beside, choices, kind)) for kind, one in frame.counterfactuals.items()}
     changed = {kind: named for kind, (_, named) in drawn.items()}
     if images == drawn.get(_RECOLOURED, ({}, {}))[0]:  # it is not a separate picture
         changed.pop(_RECOLOURED), drawn.pop(_RECOLOURED)
@@ -319,11 +310,7 @@ def _shown(frame: Frame, where: str, photographs: Photographs, choices: Choices)
     _require_nudged(shown, where)
     _require_moved(shown, where)
     _require_of_one_size(images, shown, where)
-    return (
-        replace(frame, pictures=files, counterfactuals=changed),
-        images,
-        shown,
-    )
+    return replace(frame, pictures=files, counterfactuals=changed), images, shown
 
 
 def _require_patched(images: Mapping[str, bytes], patched: Mapping[str, bytes], where: str, made: Provenance) -> None:
@@ -396,7 +383,7 @@ def keep(table: SourceTable, choices: Choices) -> BankRows:
             faults.add(f"--mirror and --map mirror={columns['mirror']} both say the mirror axis: leave out one")
         columns.setdefault("mirror", "")
     kept = (*choices.prompt_columns, *(() if choices.rig is None else choices.rig.places().values()))
-    own = (*(["gap"] if choices.threshold is None else []), *(["episode"] if choices.independent else []))
+    own = ["gap"] * (choices.threshold is None) + ["episode"] * choices.independent
     places = reading.places(columns, table, faults, rig=choices.rig, kept=kept, own=own)
     _check_choices(choices, places, table, faults)
     past = RowsBefore(choices.history, places, table.name, faults) if choices.history else None
@@ -506,13 +493,14 @@ def _check_count(table: SourceTable, rows: int, frames: int) -> None:
 
 
 def _check_choices(choices: Choices, places: Mapping[str, str], table: SourceTable, faults: Faults) -> None:
-    if "gap" in places and (choices.threshold is None or not _unit(choices, places)):
-        faults.add(f"the gap '{places['gap']}' needs a limit of near: --threshold and --unit, for example 18 and m")
-    named = unit_of(places["gap"]) if "gap" in places else None
+    column = places.get("gap", "")
+    if column and (choices.threshold is None or not _unit(choices, places)):
+        faults.add(f"the gap '{column}' needs a limit of near: --threshold and --unit, for example 18 and m")
+    named = unit_of(column) or unit_named(column)
     if named and choices.unit and (unit_named(choices.unit) or choices.unit) != named:
         faults.add(
-            f"--unit {choices.unit}: the gap's column '{places['gap']}' says {named}; leave out --unit, or rename the "
-            "column if its name is wrong"
+            f"--unit {choices.unit}: the gap's column '{column}' says {named}; leave out --unit, or rename the column "
+            "if its name is wrong"
         )
     if "gap" not in places and choices.threshold is not None and not choices.columns.get("gap"):
         has = reading.no_column("gap", table.columns, table.name)
@@ -539,7 +527,7 @@ def _check_strata(choices: Choices, places: Mapping[str, str], table: SourceTabl
             faults.add(f"--strata {name}: {reading.no_column(name, table.columns, table.name)}")
         elif name in {*places.values(), *choices.prompt_columns} or is_reserved(name):
             faults.add(f"--strata {name}: this column is something else already; name one that is kept as ground truth")
-        elif name == _RANGE:
+        elif name == "range":
             faults.add(f"--strata {name}: a verdict calls the parts of the distance so; rename the column")
 
 
@@ -777,9 +765,7 @@ def _placed(kept: BankRows, *, independent: bool) -> tuple[list[str], list[str],
             _check_alike(kept, f"{place} '{kept.places[place]}'", labels)
     if not len(scenarios) == len(episodes) == (len(steps) or len(kept.rows)) == len(kept.rows):
         return scenarios, episodes, steps  # some of their cells have faults
-    if {"scenario", "episode"} <= kept.places.keys() and len(set(zip(scenarios, episodes, strict=True))) > len(
-        set(episodes)
-    ):
+    if "episode" in kept.places and len({*zip(scenarios, episodes, strict=True)}) > len({*episodes}):
         _check_apart(kept, scenarios, episodes, steps)
     if not steps:
         turns: dict[tuple[str, str], Iterator[int]] = defaultdict(count)
@@ -873,8 +859,6 @@ def write(
             "columns": dict(kept.places),
             "left_out": left_out,
             "every": choices.every,
-            **({} if choices.convert is None else {"convert": plain(choices.convert)}),
-            **({"keep_repeats": True} if choices.keep_repeats else {}),
             **_declared(kept, choices),
             **source.settings,
         },
@@ -900,7 +884,11 @@ def write(
                 added.append(whole)
             if progress is not None:
                 progress(number, len(frames))
-        said = [*kept.said, *source.said]
+        said = [
+            *kept.said,
+            *source.said,
+            *(f"column {one} is left out: it has no plain values" for one in kept.table.unread),
+        ]
         if windows is not None:
             windows.require_some(added)
             said += windows.said()
@@ -938,17 +926,13 @@ def _take_once(writer: BankWriter, added: Sequence[Frame], gap: Gap | None, *, k
         if same[0] == same[1]:  # moments of a standstill share a state, and may still differ
             raise SourceError(
                 f"'{one.id}' and '{other.id}' show the same, in a recording that occurs twice, but the gap '{column}' "
-                f"is {_said_gap(gap_now)} in the one row and {_said_gap(before)} in the other. Correct it, leave one "
+                f"is {gap_now:g} in the one row and {before:g} in the other. Correct it, leave one "
                 "recording out of the table, or import both with --keep-repeats"
             )
     if found:
         writer.note(REPEATS, [one.as_dict() for one in found])
     for frame in chain.from_iterable(one.frames for one in found if not keep):
         writer.leave_out(frame)
-
-
-def _said_gap(cell: Scalar) -> str:
-    return f"{cell:g}" if isinstance(cell, int | float) else str(cell)
 
 
 def _declared(kept: BankRows, choices: Choices) -> dict[str, object]:
@@ -960,6 +944,8 @@ def _declared(kept: BankRows, choices: Choices) -> dict[str, object]:
         if choices.rig is None and place not in choices.columns and column not in reading.ROLES.get(place, (column,))
     }
     found = {
+        "convert": choices.convert and plain(choices.convert),
+        "keep_repeats": choices.keep_repeats,
         GUESSED: guessed,
         "numbers": numerals.style,
         "no_lead": {mark: numerals.counted[mark] for mark in marks or ()},

@@ -48,7 +48,8 @@ def alike(label: str) -> str:
 
     It has no invisible characters, no extra spaces, and no trailing decimal point.
     """
-    seen = (one for one in unicodedata.normalize("NFKC", label) if unicodedata.category(one) != "Cf")
+    found = unicodedata.normalize("NFKC", label)
+    seen = (one for one in found if one.isspace() or unicodedata.category(one) not in {"Cf", "Cc"})
     text = " ".join("".join(seen).split())
     number = re.fullmatch(r"[+]?(\d+)(?:\.0*)?", text)
     return number[1] if number else text
@@ -77,8 +78,8 @@ def read_number(cell: Cell, what: str, *, marks: bool = True) -> float | None:
     number = _number(cell)
     if number is None:
         if isinstance(cell, str) and _COMMA.fullmatch(cell.strip()):
-            raise SourceError(f"{what} is {_quoted(cell)}, not a number; a decimal comma is read with --numbers 1234,5")
-        raise SourceError(f"{what} is {_quoted(cell)}, not a number; leave the cell empty if there is none{advice}")
+            raise SourceError(f"{what} is {quoted(cell)}, not a number; a decimal comma is read with --numbers 1234,5")
+        raise SourceError(f"{what} is {quoted(cell)}, not a number; leave the cell empty if there is none{advice}")
     return _held(number, what, advice)
 
 
@@ -91,7 +92,7 @@ def read_part(cell: Cell, what: str) -> float:
     """Return a cell as one number of a state; raises SourceError, beginning with ``what``."""
     number = _number(cell)
     if number is None:
-        raise SourceError(f"{what} is {_quoted(cell)}, not a number; every row needs all numbers of a state")
+        raise SourceError(f"{what} is {quoted(cell)}, not a number; every row needs all numbers of a state")
     return _held(number, what)
 
 
@@ -116,12 +117,12 @@ def read_step(cell: Cell, what: str) -> int:
     number = _number(cell)
     if number is not None and number == int(number) and abs(number) > _EXACT:
         raise SourceError(
-            f"{what} is {_quoted(cell)}, too large for a step, which counts the frames of an episode. A time in "
+            f"{what} is {quoted(cell)}, too large for a step, which counts the frames of an episode. A time in "
             "nanoseconds is not a step: leave the column out with --map step=, and the rows count in their order"
         )
     if number is None or number != int(number):
         raise SourceError(
-            f"{what} is {_quoted(cell)}, not a whole number. A step counts the frames of an episode, and every row "
+            f"{what} is {quoted(cell)}, not a whole number. A step counts the frames of an episode, and every row "
             "needs one; else leave the column out with --map step="
         )
     return int(number)
@@ -131,7 +132,7 @@ def read_label(cell: Cell, what: str) -> str:
     """Return a cell as a name (3.0 is '3'); raises SourceError if empty, or a rounded number."""
     if _is_rounded(cell):
         raise SourceError(
-            f"{what} is {_quoted(cell)}, a long number without its last digits, so that different names may be one "
+            f"{what} is {quoted(cell)}, a long number without its last digits, so that different names may be one "
             "here: save the column as text, with all digits"
         )
     text = (
@@ -169,7 +170,7 @@ def read_said(cell: Cell, what: str) -> Scalar:
     """Return a cell unchanged as a prompt states it; raises SourceError if it is empty."""
     blank = isinstance(cell, str) and cell != "" and cell.strip().lower() in {"", "nan"}
     if cell is None or blank or (isinstance(cell, float) and not math.isfinite(cell)):
-        raise SourceError(f"{what} is {_quoted(cell)}; a prompt column needs a value in every row")
+        raise SourceError(f"{what} is {quoted(cell)}; a prompt column needs a value in every row")
     return cell
 
 
@@ -212,6 +213,7 @@ def _finite(cell: Cell, what: str) -> Scalar:
     return cell
 
 
-def _quoted(cell: Cell) -> str:
+def quoted(cell: Cell) -> str:
+    """Return a cell for messages."""
     text = "empty" if cell is None else repr(cell)
     return text if len(text) <= 60 else f"{text[:60]}…"

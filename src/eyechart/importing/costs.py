@@ -4,6 +4,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from itertools import groupby
 from typing import cast
 
 from eyechart.channels import INSTRUCTION, STATE, channels_of
@@ -46,48 +47,35 @@ def taken(bank: FrameBank) -> list[str]:
     """
     settings = bank.manifest.settings
     lines = [*_columns_taken(bank)]
-    done, how, marks = (settings.get(name) for name in ("converted", "convert", "no_lead"))
-    if isinstance(marks, dict):
+    done, how, marks = (_setting(bank, name) for name in ("converted", "convert", "no_lead"))
+    if marks:
         lines.append(f"nothing ahead: {', '.join(f'{count} rows of {mark}' for mark, count in marks.items())}")
-    if isinstance(done, dict) and isinstance(how, dict):
+    if done and how:
         kinds = ", ".join(f"{count} {kind}" for kind, count in done.items() if kind != "pictures")
         lines.append(f"converted to PNG: {done.get('pictures')} pictures ({kinds}), over {how.get('background')}")
     if again := settings.get(REPEATS):
         lines.append(in_words(cast("list[dict[str, object]]", again), kept=bool(settings.get("keep_repeats"))))
-    return [*lines, *_said(settings)]
-
-
-def _said(settings: Mapping[str, object]) -> Iterator[str]:
-    """Yield an import's notes on the kind of its motions and on the parts left out."""
-    kind = settings.get(KIND)
-    for many in (kind.get("said") if isinstance(kind, dict) else None, settings.get(SAID)):
-        yield from map(str, many if isinstance(many, list) else ())
+    for many in (_setting(bank, KIND).get("said"), settings.get(SAID)):
+        lines += map(str, many if isinstance(many, list) else ())
+    return lines
 
 
 def _columns_taken(bank: FrameBank) -> Iterator[str]:
     """Yield the columns with other names than their places: given ones, and guessed ones."""
-    columns = bank.manifest.settings.get("columns")
-    own = {(place, of) for place, names in reading.ROLES.items() for of in names}
-    found = (
-        {}
-        if not isinstance(columns, dict)
-        else {column: columns[column] for column in columns if column in reading.ROLES}
-    )
-    unit = f" in {bank.manifest.gap.unit}" if bank.manifest.gap is not None else ""
+    columns, gap = _setting(bank, "columns"), bank.manifest.gap
     said = {
-        place: f"{place} from '{of}'{unit if place == 'gap' else ''}"
-        for place, of in found.items()
-        if (place, of) not in own
+        place: f"{place} from '{of}'{f' in {gap.unit}' if gap and place == 'gap' else ''}"
+        for place, of in columns.items()
+        if place in reading.ROLES and of not in reading.ROLES[place]
     }
-    guessed = [said.pop(place) for place in _guessed(bank) if place in said]
+    guessed = [said.pop(place) for place in _setting(bank, GUESSED) if place in said]
     if said:
         yield f"columns: {', '.join(said.values())}"
     if guessed:
         yield f"columns, guessed by their names: {', '.join(guessed)}"
-    if isinstance(columns, dict) and (unplaced := _unplaced(bank, {*map(str, columns.values())})):
+    if columns and (unplaced := _unplaced(bank, {*map(str, columns.values())})):
         more = f" and {len(unplaced) - _MANY} more" if len(unplaced) > _MANY else ""
-        names_gap = bank.manifest.gap is None
-        of = "gap=COLUMN names the distance ahead" if names_gap else "PLACE=COLUMN gives one a place"
+        of = "PLACE=COLUMN gives one a place" if gap else "gap=COLUMN names the distance ahead"
         yield f"columns without a place, kept as ground truth: {', '.join(unplaced[:_MANY])}{more}; --map {of}"
 
 
@@ -128,7 +116,9 @@ def costs(bank: FrameBank) -> list[str]:
     if "scenario" in manifest.absent:
         lines.append("no scenarios: cross_scenario is not shown (scene_cue cannot say)")
     if "step" in manifest.absent and "episode" not in manifest.absent:
-        lines.append("no steps: the rows of an episode count as its steps, in their order")
+        apart = len([*groupby(bank, lambda one: one.drive)]) > len({one.drive for one in bank})
+        between = "; rows of others lie between: are two called alike?" * apart
+        lines.append(f"no steps: the rows of an episode count as its steps, in their order{between}")
     lines += [*doubts(bank), *_counted_twice(bank), *_nearly_one(bank), *_not_asked_apart(bank)]
     if all(frame.mirror_axis == "none" for frame in bank):
         lines.append("no mirror axis: mirrored is not shown (lateral is not_tested)")
@@ -198,27 +188,30 @@ def _counted_twice(bank: FrameBank) -> Iterator[str]:
 
 def _nearly_one(bank: FrameBank) -> Iterator[str]:
     """Yield names and columns that differ from others only in case or leading zeros."""
-    for place, names in (("episode", {one.episode for one in bank}), ("scenario", {one.scenario for one in bank})):
+    named = {"episodes": {one.episode for one in bank}, "scenarios": {one.scenario for one in bank}}
+    for name in (*bank.frames[0].strata, *bank.frames[0].fields):
+        found = ({**one.fields, **one.strata}.get(name) for one in bank)
+        named[f"values of '{name}'"] = {str(value) for value in found if value is not None}
+    for place, names in named.items():
         first: dict[str, str] = {}
         pairs = [
             (other, name) for name in sorted(names) if (other := first.setdefault(loosely_alike(name), name)) != name
         ]
-        if pairs and place not in bank.manifest.absent:
+        if pairs and place[:-1] not in bank.manifest.absent:
             more = f", as do {len(pairs) - 1} more" if len(pairs) > 1 else ""
             yield (
-                f"the {place}s {pairs[0][0]!a} and {pairs[0][1]!a} differ only in capital letters or leading zeros, "
+                f"the {place} {pairs[0][0]!a} and {pairs[0][1]!a} differ only in capital letters or leading zeros, "
                 f"and count as two{more}"
             )
-    columns = bank.manifest.settings.get("columns")
-    for place, column in columns.items() if isinstance(columns, dict) else ():
+    for place, column in _setting(bank, "columns").items():
         beside = [one for one in bank.frames[0].truth if one != column and plain_name(one) == plain_name(str(column))]
         if beside and column in reading.ROLES.get(place, ()):
             yield f"{place} is '{column}', not the column '{beside[0]}'; --map {place}={beside[0]} takes that one"
 
 
-def _guessed(bank: FrameBank) -> Mapping[str, object]:
-    """Return the columns that were taken by their usual name alone, by place."""
-    found = bank.manifest.settings.get(GUESSED)
+def _setting(bank: FrameBank, name: str) -> Mapping[str, object]:
+    """Return a setting of an import that is a mapping, empty without it."""
+    found = bank.manifest.settings.get(name)
     return found if isinstance(found, dict) else {}
 
 
@@ -243,7 +236,7 @@ def _others_like(bank: FrameBank, column: str) -> str:
 
 def _prices(bank: FrameBank) -> Iterator[str]:
     """Yield the effect of each guessed column on the verdict, and how to leave it out."""
-    for place, column in _guessed(bank).items():
+    for place, column in _setting(bank, GUESSED).items():
         if place == "scenario" and bank.manifest.gap is not None and "episode" not in bank.manifest.absent:
             yield _price_of_scenarios(bank, str(column))
         elif place in _PRICES:

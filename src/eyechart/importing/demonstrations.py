@@ -74,11 +74,15 @@ class Demonstration:
 
 @dataclass(frozen=True)
 class Contents:
-    """What one episode holds: numbers and pictures by name, and each one's place in its group."""
+    """What one episode holds: numbers and pictures by name, and each one's place in its group.
+
+    ``beside`` has the other actions, which are not read.
+    """
 
     features: Mapping[str, Feature]
     places: Mapping[str, tuple[str, ...]]
     length: int
+    beside: set[str]
 
 
 @dataclass(frozen=True)
@@ -186,7 +190,7 @@ def read_demonstrations(
 ) -> Demonstrations:
     """Read what the files hold; raises SourceError for another layout or for a contradiction."""
     found, said, tasks = list[Demonstration](), list[str](), dict[str, int]()
-    first, program, rates = None, "", set[float | None]()
+    first, program, rates, beside = None, "", set[float | None](), set[str]()
     for path in hdf5_files(folder):
         with opened(path) as file:
             own = _program(file)
@@ -198,6 +202,7 @@ def read_demonstrations(
             task = tasks.setdefault(words, len(tasks)) if words else None
             for group in _episodes(file, own):
                 contents = _contents(group, own)
+                beside |= contents.beside
                 first = first or contents
                 _require_same(first, contents, group.label)
                 found.append(Demonstration(path, group.name, contents.length, task))
@@ -208,6 +213,7 @@ def read_demonstrations(
     fps, root = _rate(rates, rate, folder), folder if folder.is_dir() else folder.parent
     info = Info("hdf5", fps, dict(first.features))
     reels = {name: StoredPictures(found, first.places[name]) for name in _cameras(info, folder, camera, said, every)}
+    said += [f"left out, beside '{ACTIONS[program]}': '{printable(name)}'" for name in sorted(beside)]
     if program != "ACT":
         said.append("pictures are as they are stored: those of robosuite may be upside down")
     return Demonstrations(
@@ -263,7 +269,7 @@ def _in_order(name: str) -> list[tuple[int, str]]:
 def _program(file: Hdf5Group) -> str:
     """Return the program whose layout a file has; raises SourceError for another layout."""
     names = file.members()
-    data = file.child("data") if "data" in names else None
+    data = file.child("data")
     if data is not None and any(name.startswith("demo_") for name in data.members()):
         return "LIBERO" if data.has_attribute("problem_info") else "robomimic"
     if {"observations", "action"} <= {*names}:
@@ -306,7 +312,8 @@ def _contents(group: Hdf5Group, program: str) -> Contents:
     if program == "ACT":
         features = _paired(features)
     _require_names(group, features)
-    return Contents(features, {name: place for name, (place, _) in found.items()}, length)
+    beside = {name for name in group.members() if "action" in name and name != action}
+    return Contents(features, {name: place for name, (place, _) in found.items()}, length, beside)
 
 
 def _observed(group: Hdf5Group, program: str) -> dict[str, tuple[tuple[str, ...], Hdf5Array]]:
@@ -316,11 +323,11 @@ def _observed(group: Hdf5Group, program: str) -> dict[str, tuple[tuple[str, ...]
     shown = observed.child("images") if observed is not None and program == "ACT" else None
     for inside, places in ((observed, above), (shown, (*above, "images"))):
         for name in () if inside is None else inside.members():
-            array = inside.array(name) if inside is not None else None
-            if array is not None and name in result:
+            if inside is None or (array := inside.array(name)) is None:
+                continue
+            if name in result:
                 raise SourceError(f"{group.label} has two observations '{name}'")
-            if array is not None:
-                result[name] = (*places, name), array
+            result[name] = (*places, name), array
     return result
 
 
@@ -400,7 +407,7 @@ def _cameras(info: Info, folder: Path, camera: str | None, said: list[str], ever
 
 def _attributes(file: Hdf5Group, name: str) -> Mapping[str, Any]:
     """Return a JSON attribute of ``data``, empty without it; raises SourceError for other text."""
-    data = file.child("data") if "data" in file.members() else None
+    data = file.child("data")
     text = "" if data is None else data.text(name)
     with raising(SourceError, f"{file.path}: the attribute '{name}' is no JSON", of=(ValueError, RecursionError)):
         values = parse_json(text or "{}")

@@ -21,6 +21,8 @@ def doubts(bank: FrameBank) -> Iterator[str]:
     """Yield a line for each doubt about the pictures and the distances of a bank, with what to do."""
     yield from _dark(bank)
     yield from _sizes(bank)
+    if bank.manifest.independent:
+        yield from _of_a_film(bank)
     for kind in sorted({kind for frame in bank for kind in frame.counterfactuals}):
         yield from _copied(bank, kind)
     if (gap := bank.manifest.gap) is not None:
@@ -127,6 +129,15 @@ def _sizes(bank: FrameBank) -> Iterator[str]:
                 f"camera '{name}' has pictures of several sizes, such as {wide}×{high} and {width}×{height} pixels: "
                 "are they of one camera? A moment may be exchanged for one of the other size"
             )
+
+
+def _of_a_film(bank: FrameBank) -> Iterator[str]:
+    """Yield that frames declared independent have steps, or the colours of the next by name."""
+    some = sorted(bank, key=lambda one: one.id)[-2 * _LOOKED_AT :]
+    colours = np.array([decode(next(iter(bank.images(one).values())), one.id).mean((0, 1)) for one in some])
+    near, far = (np.median(abs(colours - np.roll(colours, by, 0))) for by in (1, len(some) // 2))
+    if near < far / 3 or "step" not in bank.manifest.absent:
+        yield "--independent, but frames have steps, or are like the next by name, as in a film: --map episode=COLUMN"
 
 
 def _dark(bank: FrameBank) -> Iterator[str]:

@@ -12,9 +12,10 @@ MOST_SHOWN = 40
 class Faults:
     """Collects faults while a source is read on, and raises them together."""
 
-    def __init__(self) -> None:
+    def __init__(self, lines: Iterable[str] = ()) -> None:
         self._lines: list[str] = []
         self._count = 0
+        self.take(lines)
 
     def __bool__(self) -> bool:
         return self._count > 0

@@ -23,7 +23,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 
 from eyechart.errors import SourceError, raising, read_at_most
-from eyechart.importing.cells import Cell, Row, is_nothing
+from eyechart.importing.cells import Cell, Row, is_nothing, quoted
 from eyechart.importing.pages import MOST_COMPONENTS
 from eyechart.importing.parquet import listed_texts, open_parquet
 from eyechart.importing.tables import MOST_COLUMNS
@@ -321,12 +321,8 @@ def _where(folder: Path) -> str:
 def _number(row: Mapping[str, Cell], name: str, where: Path) -> int:
     result = whole(row.get(name))
     if result is None:
-        raise SourceError(f"{where}: '{name}' is {_quoted(row.get(name))}, not a whole number of 0 or more")
+        raise SourceError(f"{where}: '{name}' is {quoted(row.get(name))}, not a whole number of 0 or more")
     return result
-
-
-def _quoted(cell: Cell) -> str:
-    return "empty" if cell is None else repr(cell)[:60]
 
 
 def once(found: dict[int, Any], number: int, value: object, what: str) -> None:
@@ -353,7 +349,7 @@ def _seconds(row: Mapping[str, Cell], name: str, where: Path) -> float | None:
     if cell is None:
         return None
     if isinstance(cell, bool | str) or not 0 <= cell <= MOST_SECONDS:
-        raise SourceError(f"{where}: '{name}' is {_quoted(cell)}, not a second of a video")
+        raise SourceError(f"{where}: '{name}' is {quoted(cell)}, not a second of a video")
     return float(cell)
 
 

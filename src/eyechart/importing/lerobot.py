@@ -156,9 +156,7 @@ def import_lerobot(
     ``task``. ``read`` opens a data set of another format. Raises SourceError, and leaves nothing at
     ``out``.
     """
-    wrong = Faults()
-    wrong.take(choices.wrong)
-    wrong.require_none(str(folder))
+    Faults(choices.wrong).require_none(str(folder))
     data = (read or read_dataset)(folder, camera, every=ahead is not None)
     if choices.rig is not None:
         if ahead is None:
@@ -193,7 +191,7 @@ def import_lerobot(
     if ahead is not None and chosen.rig is not None:
         rig, settings[KIND] = _with_kind(_with_rotations(data, chosen.rig, kept, ahead), kept, ahead)
         chosen = replace(chosen, rig=rig)
-        data.said.extend(_left_of_state(data, rig, _features_of(data, ahead)[0]))
+        data.said.extend(_left_out(data, rig, *_features_of(data, ahead)))
     data.said.extend(data.timeline.said())
     source = ImportSource(folder, partial(_pictures, data, kept), settings, said=data.said)
     return write(out, source, frames, kept=kept, choices=chosen, progress=progress)
@@ -345,16 +343,19 @@ def _sized(feature: Feature) -> str:
     return f"{'×'.join(map(str, feature.size))} number{'' if feature.size == (1,) else 's'}"
 
 
-def _left_of_state(data: Dataset, rig: SensorLayout, taken: Sequence[str]) -> list[str]:
-    """Return the observed numbers that are not in the policy's state."""
-    left = [
-        f"'{name}' ({_sized(feature)})"
-        for name, feature in data.features.items()
-        if data.is_observed(name) and feature.size and not feature.is_picture and name not in taken
-    ]
-    more = f", and {len(left) - 20} more" if len(left) > 20 else ""
-    has = " and ".join(f"'{name}'" for name in taken) if rig.state else "nothing"
-    return [f"left out of the state, which has {has}: {', '.join(left[:20])}{more}"] if left else []
+def _left_out(data: Dataset, rig: SensorLayout, state: Sequence[str], action: Sequence[str]) -> Iterator[str]:
+    """Yield the observed numbers that are not in the policy's state, and actions that are not in its motion."""
+    for of, taken, word in (("state", state if rig.state else (), ""), ("motion", action, ACTION[0])):
+        left = [
+            f"'{name}' ({_sized(feature)})"
+            for name, feature in data.features.items()
+            if feature.size and not feature.is_picture and name not in taken
+            if word in name and data.is_observed(name) != bool(word)
+        ]
+        more = f", and {len(left) - 20} more" if len(left) > 20 else ""
+        has = " and ".join(f"'{name}'" for name in taken) or "nothing"
+        if left:
+            yield f"left out of the {of}, which has {has}: {', '.join(left[:20])}{more}"
 
 
 def _with_rotations(data: Dataset, rig: SensorLayout, kept: BankRows, ahead: Horizon) -> SensorLayout:
@@ -400,14 +401,12 @@ def _with_kind(rig: SensorLayout, kept: BankRows, ahead: Horizon) -> tuple[Senso
 
 def _paired(motion: LoggedMotion, kind: Kind, pairs: Sequence[int | None], columns: Sequence[str]) -> LoggedMotion:
     """Return a motion of a kind, whose places are relative to their pairs of the state."""
-    if kind not in RELATIVE:
-        plain = tuple(replace(one, state=None) for one in motion.rotations)
-        number = tuple(msgspec.structs.replace(one, state="") for one in motion.number)
-        return msgspec.structs.replace(motion, kind=kind, number=number, rotations=plain)
-    turning = {number for one in motion.rotations if one.of == "motion" for number in one.numbers}
-    states = ["" if place is None or number in turning else columns[place] for number, place in enumerate(pairs)]
+    alone, turns = kind not in RELATIVE, motion.rotations
+    turning = {number for one in turns if one.of == "motion" for number in one.numbers}
+    states = ["" if alone or place is None or at in turning else columns[place] for at, place in enumerate(pairs)]
     number = tuple(msgspec.structs.replace(one, state=own) for one, own in zip(motion.number, states, strict=True))
-    return msgspec.structs.replace(motion, kind=kind, number=number)
+    turns = tuple(replace(one, state=None) if alone else one for one in turns)
+    return msgspec.structs.replace(motion, kind=kind, number=number, rotations=turns)
 
 
 _BY_NAMES = "the names say"
