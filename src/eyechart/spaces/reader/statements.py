@@ -46,7 +46,9 @@ _OWN = (
 )
 """Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
-_KEY_OF_ANSWER = rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
+_KEY_OF_ANSWER = (
+    rf"(?!options\Z){_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
+)
 _KEY = re.compile(_KEY_OF_ANSWER, re.IGNORECASE)
 _COUNTS = re.compile(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
 """A key whose number counts something."""
@@ -70,7 +72,7 @@ _FAULT = re.compile(
 )
 _ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
 _FINE = re.compile(
-    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
+    r"(?:is_?)?(?:valid|correct|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
     re.IGNORECASE,
 )
 _UNLESS = re.compile(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
@@ -104,12 +106,11 @@ _NOTHING_SEEN = re.compile(
     r"|process|assist|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
     r"|photos?|frames?|that|this|request|it|with)\b|\bno (?:image|picture|photo)\b"
     r"|\bas an ai\b(?![^.;!?\n]{0,60}\b(?:control|drive|move|steer)"
-    rf"\b[^!?\n]{{0,40}}\b(?:but(?: if)?|however,) i\b)|\bmust decline\b"
-    rf"|{PICTURE_ASKED_FOR}",
+    rf"\b[^!?\n]{{0,40}}\b(?:but(?: if)?|however,) i\b)|\bmust decline\b|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
 _NO_STATEMENT = re.compile(
-    r"(?:\b(?:not|never|no|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
+    r"(?:\b(?:not|never|no|else|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
     r"|instead of)\b|n't\b|e\.g)",
     re.IGNORECASE,
 )
@@ -147,12 +148,9 @@ def _takes_back(text: str, action: str, names: ActionNames) -> bool:
 
 
 def read_words(visible: str, names: ActionNames) -> Decision[str]:
-    """Return the decision of the words outside thinking: strict, and never guessing.
+    """Return the decision of the words outside thinking, of the first form of statement that is present.
 
-    First the whole text as a name. Then the statements of JSON objects, answer tags or boxes, the
-    last line that begins with ``action:`` or similar, and prose. The first form that is present
-    decides. Different statements of one form are no decision, unless words between withdraw one. A
-    reply that first says that it sees no picture or cannot help is refused, whatever follows.
+    A reply that first says that it sees no picture or cannot help is refused, whatever follows.
     """
     visible = _GAP.sub(lambda gap: "\n" * min(2, gap[0].count("\n")) or "    ", visible)
     if (bare := names.whole(fold(visible))) is not None:
@@ -200,7 +198,7 @@ def _first(text: str, names: ActionNames) -> str | None:
 
 _BOTH = 2
 _GAP = re.compile(r"\s{5,}")
-"""Blank lines and columns of spaces, which say no more than one blank line or a few spaces do."""
+"""Blank lines and columns of spaces, which say no more than a few."""
 _ROBOT = re.compile(
     r"\A(\W*the (?:robot|rover)) (?:(go)es|([a-z]{2,12}?)s)\b(?=[^.,;!?\n]{0,20},? (?:because|since|due to)\b)"
     r"(?!.*\b(?:then|or|says?)\b)",
@@ -246,11 +244,38 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
     if (wholly := _WHOLLY.fullmatch(text)) is not None and (bare := names.whole(wholly[1])) is not None:
         return Decision(bare)
     folded = _ANEW_STATED.sub(r"\n\1\n", _unlisted(_TAG.sub(lambda tag: _kept(tag, names), text), names))
-    if (marked := _marked(folded, names)) is not None:
+    if (marked := _marked(folded := _without_things(folded, names), names)) is not None:
         return marked
     read = _prose(folded, names)
     meant = None if read.action or read.why in {"several_actions", "negated"} else _MEANT.search(folded)
     return (meant and _in_brackets(meant[1], names)) or read
+
+
+_OF_THING = re.compile(
+    r"\W{0,8}((?:(?:the|an?|lead\w*|front|near\w*|closest|other|own|ego|current|traffic|risk|number of|\w+ed) ){0,3}"
+    r"(?:(?:vehicle|car|truck|person|pedestrian|object|obstacle|detection|lane|track|frame|image|camera|sign|exit|gate|score"
+    r"|confidence|distance|gap|count|speed|angle|curve)s?\b[ (]{0,2}){1,3}(?:ahead|in front|front|id|number|\d+)?)"
+    r"[^\w\n]{0,8}",
+    re.IGNORECASE,
+)
+_MEASURE = re.compile(
+    r"\W{0,8}(?:(?:id|no|number|index|code|letter|lane|score|speed|angle)\b[\s:.=#-]*)?[+-]?(?:\d[\d.]*|[A-Z]\b)"
+    r"[ °]?(?:m/s|deg\w+)?\s*(?:[,;|].*)?",
+    re.IGNORECASE,
+)
+"""A heading about a thing, and a line that only numbers or measures it: "Lead vehicle", "id: 3"."""
+
+
+def _without_things(text: str, names: ActionNames) -> str:
+    """Return a text without the lines that only number or measure the thing of a heading."""
+    kept, about = [], False
+    for line in text.split("\n"):
+        if about and _MEASURE.fullmatch(line):
+            continue
+        if re.search(r"\w", line) and not (about and ":" in line and not _MARKER.match(line)):
+            about = (head := _OF_THING.fullmatch(line)) is not None and not names.quantity.is_key(head[1])
+        kept.append(line)
+    return "\n".join(kept)
 
 
 _WHOLLY = re.compile(
@@ -338,10 +363,11 @@ def _agreed(text: str, stated: Sequence[_Statement], names: ActionNames) -> Deci
 
 
 _COMMITS = re.compile(
-    r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)"
-    r"|(?<!other )(?<!next )(?<!second )(?:answer|choice|decision|action) is)\b[^\n]*",
+    r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)\b"
+    r"|(?<!other )(?<!previous )(?<!last )(?<!next )(?<!second )(?:answer|choice|decision|action)(?: is\b| ?:))[^\n]*",
     re.IGNORECASE,
 )
+_WEIGHED = re.compile(r"\b(?:but|however|first|next|last|wait|actually|instead)\b", re.IGNORECASE)
 _ANEW = re.compile(
     r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore"
     r"|first)\b",
@@ -352,7 +378,7 @@ _ANEW = re.compile(
 def _commits_otherwise(before: str, action: str, names: ActionNames) -> bool:
     """Return whether the words before a statement commit to another action without weighing it."""
     found = _last(_COMMITS, before)
-    return bool(found) and not _ANEW.search(before, found[0].start()) and _takes_back(found[-1].group(), action, names)
+    return any(_takes_back(one[0], action, names) for one in found) and not _ANEW.search(before, found[0].start())
 
 
 def _is_denied(text: str, statement: _Statement, names: ActionNames) -> bool:
@@ -393,11 +419,7 @@ def _objects(text: str, names: ActionNames) -> Iterator[_Statement]:
 
 
 _ANSWER, _OWN_THING, _OTHER_THING = range(3)
-"""The container of an object.
-
-It is an answer; or the own motion or an envelope, where a side is set and a speed is measured; or
-another thing, where both describe that thing.
-"""
+"""An object's container: an answer; the own motion, where a side is set and a speed measured; or another thing."""
 
 
 class _Pairs(list[tuple[str, object]]):
@@ -405,10 +427,7 @@ class _Pairs(list[tuple[str, object]]):
 
 
 def _stated_in(value: object, names: ActionNames, *, within: int = _ANSWER) -> Iterator[tuple[str | None, str | None]]:
-    """Yield the actions that a JSON value states, or None and why one is no name.
-
-    The container ``within`` decides whether a side, a speed or an angle is the answer.
-    """
+    """Yield the actions that a JSON value in a container states, or None and why one is no name."""
     if isinstance(value, list) and not isinstance(value, _Pairs):
         for inner in value:
             yield from _stated_in(inner, names, within=within)
@@ -504,13 +523,27 @@ def _is_contrary(value: _Pairs, names: ActionNames) -> bool:
     """Return whether an object gives an action, and elsewhere the opposite side or another one."""
     sides = {_SIDES[said] for key, inner in value if _SIDE.fullmatch(key) and (said := str(inner).lower()) in _SIDES}
     keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
-    texts = [fold(inner) for key, inner in value if isinstance(inner, str) and not _OTHERS.search(key)]
+    texts = [fold(inner) for inner in _texts(value) if " " in inner]
     return any(
         any(_is_of_other_side(one, side, names) for side in sides)
-        or any(_commits_otherwise(text, one, names) and _takes_back(text, one, names) for text in texts)
-        for one in keyed
-        if one is not None
+        or any(_is_decided_otherwise(text, one, names) for text in texts)
+        for one in {*filter(None, keyed)}
     )
+
+
+def _texts(value: object) -> Iterator[str]:
+    """Yield the texts of a JSON value that are not about others."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, list):
+        for key, inner in value if isinstance(value, _Pairs) else (("", inner) for inner in value):
+            yield from () if _OTHERS.search(key) else _texts(inner)
+
+
+def _is_decided_otherwise(text: str, action: str, names: ActionNames) -> bool:
+    """Return whether a text beside an action chooses another without weighing it."""
+    said = _commits_otherwise(text, action, names) or (is_mark(action) and not _WEIGHED.search(text))
+    return said and _takes_back(text, action, names)
 
 
 def _is_of_other_side(action: str, side: str, names: ActionNames) -> bool:
@@ -537,7 +570,7 @@ def _given(key: str, value: object) -> object:
 
 _ANOTHER = re.compile(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
 _CORRECTION = re.compile(
-    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new)(?:_(?:action|answer"
+    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new|conclusion|verdict)(?:_(?:action|answer"
     r"|choice|decision|to))?",
     re.IGNORECASE,
 )
@@ -551,10 +584,7 @@ def _is_another(key: str, value: object, names: ActionNames) -> bool:
 
 
 def _answer_key(value: _Pairs, names: ActionNames, *, within: int = _ANSWER) -> str | None:
-    """Return the key that holds the answer, the plainest of several; None if it is further inside.
-
-    A side or a direction ``within`` an object about another thing belongs to that thing.
-    """
+    """Return the key that holds the answer, the plainest of several; None if it is further inside."""
     known = [key for key, _ in value if _KEY.fullmatch(key) and not (within == _OTHER_THING and _SIDE.fullmatch(key))]
     if not within and all(_SIDE.fullmatch(key) for key in known):
         known = [key for key, _ in value if names.quantity.is_key(key)] or known
@@ -755,7 +785,7 @@ _NO_VOTE = re.compile(
 
 
 def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
-    """Yield the one action with a yes or a tick, if every action has a line with a yes, a no, a tick or a cross."""
+    """Yield the one action with a yes or a tick, if every action has a line with one or its opposite."""
     lines = [(line, _VOTE.findall(line[0])) for line in re.finditer(r"[^\n]+", text) if _VOTE.search(line[0])]
     found = [
         (None if (said := _VOTED.match(_VOTE.sub("|", fold(line[0])))) is None else names.whole(said[1]), line, votes)
@@ -774,8 +804,7 @@ def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
 def _marked(text: str, names: ActionNames) -> Decision[str] | None:
     """Return the decision of the last line that begins with ``action:``; None without one.
 
-    An earlier line with another action is withdrawn if the last is called final, or if other words
-    are between them. Text after the line may withdraw it.
+    The last withdraws an earlier one if it is called final, or if other words are between them.
     """
     marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
     marks = marks or [*names.quantity.lines(text)][-_MARKERS_AT_MOST:]
