@@ -204,7 +204,7 @@ _ROBOT = re.compile(
     r"(?!.*\b(?:then|or|says?)\b)",
     re.IGNORECASE | re.DOTALL,
 )
-"""What the robot does, with a reason, opens a reply: "The robot stops, since the floor is wet."."""
+"""A reply that opens with what the robot does: "The robot stops, since …"."""
 _TURNS = re.compile(
     r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*(?:(?:that|this|i|we|you|to"
     r"|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}(?:turn|steer|go|bear|swing|veer"
@@ -294,17 +294,18 @@ _MEANT = re.compile(
 
 
 _REPEATED = re.compile(r"[ \t]?[(\[]([^()\[\]\n]{3,120})[)\]](?=\s{0,3}[:=])")
+_IN_ROW = re.compile(r"(?:(?<!\S)\(?[A-I\d]\) (?!is\b)[^\n():;.]{2,40}(?:[,;] |(?<=\s)|(?=[.\n]|\Z))){3,}")
 _ONE_OF = re.compile(r"(?i)\s?(?:/(?!s)|[,|]|\b(?:or|to)\b|\.{2,}|(?<=\w)-(?=\w))\s?")
 
 
 def _unlisted(text: str, names: ActionNames) -> str:
-    """Return a folded text without the options that a heading repeats: "Action (A/B/C): B"."""
+    """Return a folded text without the options that a heading or a row repeats: "Action (A/B/C): B"."""
 
     def kept(one: re.Match[str]) -> str:
         parts = _ONE_OF.split(one[1])
         return one[0] if len(parts) < _BOTH or any(part and not names.whole(part) for part in parts) else ""
 
-    return _REPEATED.sub(kept, fold(text))
+    return _REPEATED.sub(kept, _IN_ROW.sub(" ", fold(text)))
 
 
 def _kept(tag: re.Match[str], names: ActionNames) -> str:
@@ -399,7 +400,7 @@ _NOT_THERE = re.compile(
     r"(?:_\w{1,20})?=(?:false|no|none)\b",
     re.IGNORECASE,
 )
-"""A thing of the picture that is not there, in a row of code: "obstacle=false next=STOP"."""
+"""What is not there: "obstacle=false next=STOP"."""
 
 # JSON
 
@@ -477,7 +478,7 @@ _MOVES = re.compile(
     r"|value|content|message)",
     re.IGNORECASE,
 )
-"""Keys whose objects are about the own motion or self, or that only wrap another object."""
+"""Keys whose objects are about the own motion or self, or wrap another."""
 _SEEN = re.compile(
     r"percept|percei|scene|observ|environment|context|image|picture|frame|situation|leader|world", re.IGNORECASE
 )
@@ -694,7 +695,7 @@ _CODED = re.compile(
     r"|[+-]?[\w.-]{1,40}°?)(?=[\s;|)\]}]|,\s|$)(?!\s*(?:or|and|to|\?|/)\b|\s?\?))",
     re.IGNORECASE | re.MULTILINE,
 )
-"""A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
+"""A call, an assignment or what is returned: "steer(-2)", "sel=B"."""
 _CALLS = re.compile(r"\w\(")
 _DOES = re.compile(
     r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next"
@@ -847,7 +848,7 @@ _SAYS = re.compile(r"[^\n]*\w[^\n]*")
 
 
 def _uncommented(line: str, names: ActionNames) -> str:
-    """Return a line without a comment of code; one that names an action is a part of it, as in "LEFT # RIGHT"."""
+    """Return a line without a comment of code that names no action."""
     code, *said = _COMMENT.split(line)
     return line if any(True for one in said for _ in names.mentions(fold(one))) else code
 
