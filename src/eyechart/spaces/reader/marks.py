@@ -9,7 +9,7 @@ from functools import lru_cache
 from itertools import islice
 
 LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
-"""Letters of scripts with spaces between words; next to another script, a name stands alone."""
+"""Letters of scripts with spaces between words."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
 _HEAD = re.compile(
     r"(?:[\s\"'(\[{*`_.,;:]|<(?=[^<>]*>)"
@@ -28,7 +28,7 @@ _BESIDE_BEFORE = re.compile(
     rf"(?:(?P<number>\d+){_BETWEEN}|(?:[≤≥≠≈~±]=?|(?:(?<![-=])[<>]|!)=|(?<![-=\w])[<>])[ \t]*)\Z"
 )
 _BESIDE_AFTER = re.compile(rf"{_BETWEEN}[+-]?(?P<number>\.?\d+)|[+^]")
-"""What makes a number part of something else: a second number, "3 – 5", or a bound, "≥ 3"."""
+"""What makes a number part of something else: "3 – 5", "≥ 3"."""
 SIGN_APART = re.compile(r"(?:\b(?:minus|negative|neg\.?)[\s\"'(\[)\]:,]{1,4}|(?<![\w)])-[(\[{\"']+)\Z", re.IGNORECASE)
 """A sign that is separated from its number: "-(1)", "minus (1)"."""
 _LISTED_BEFORE = re.compile(rf"(?:^|[\n(\[:=])[ \t]*(?:{_NUMBER}[ \t]*,[ \t]*)*(?P<number>{_NUMBER})[ \t]*,[ \t]*\Z")
@@ -62,7 +62,7 @@ _SET = re.compile(
     r"|driving)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
-"""Words that may also precede a number with its unit or sign; "turning by" describes an act."""
+"""Words that may also precede a number with its unit or sign."""
 _WITH_QUANTITY = re.compile(
     r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value|bin)\s(?:value\s)?of\s$", re.IGNORECASE
 )
@@ -100,7 +100,7 @@ _WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+(?!at first\b|initially\b\s*(?:[.,;]|$)
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
 _OPENS = re.compile(r"\.[ \t]+\S")
 _INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)([^\W\d_])\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
-"""Two dotted letters make an abbreviation: "D. C.", "e. g.", "J. B. Goode"."""
+"""Two dotted letters make an abbreviation: "D. C.", "e. g."."""
 _SPECIES = re.compile(r"\.[ \t]+(?:coli|elegans|sapiens|aureus|subtilis|cerevisiae|musculus|difficile)\b")
 """A species' name after a dotted letter is no option's text: "E. coli"."""
 _AROUND = re.compile(r"\.[ \t]+\d")

@@ -44,7 +44,7 @@ _OWN = (
     r"|answer|decision|tool|step|task|output|response|predicted|executed|taken|single|one|word|short"
     r"|\d{1,3})[ _.-]{0,2}){0,4}"
 )
-"""Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
+"""Words before the name of an answer."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
 _KEY_OF_ANSWER = (
     rf"(?!options\Z){_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
@@ -179,7 +179,7 @@ _BY_NUMBER = re.compile(
 
 
 def _by_number(text: str, names: ActionNames) -> str | None:
-    """Return what follows a numbered list of long names, with the names for their numbers; None without both."""
+    """Return what follows a numbered list of names, with these for the numbers; None without both."""
     if any(map(is_mark, names.actions)) or len(items := [*_ITEM.finditer(text)][:_MARKERS_AT_MOST]) < _BOTH:
         return None
     named = {item[1].upper(): _first(fold(item[2]), names) for item in items}
@@ -222,7 +222,7 @@ _TURN_TAKEN = re.compile(
     r"(?! [^.,;!?\n]{0,20}\b(?:into|off|dead|collision|crash|away|wall|locked|closed|stairs)\b)",
     re.IGNORECASE,
 )
-"""A turn as the reason of a choice: "since a left turn gets us to the door"."""
+"""A turn as the reason of a choice."""
 
 
 def _turns_otherwise(text: str, side: str | None) -> bool:
@@ -258,6 +258,11 @@ _OF_THING = re.compile(
     r"[^\w\n]{0,8}",
     re.IGNORECASE,
 )
+_OF_NONE = re.compile(
+    r"\W{0,8}((?!no )(?:\w+ (?:to )?)?(?:avoid|forbidden|rejected|ruled out|not recommended|previous|last|second best"
+    r"|alternatives?|examples?|unsafe(?= )|possible(?= ))(?: (?:option|action|choice|answer|decision)s?)?)\W{0,8}",
+    re.IGNORECASE,
+)
 _MEASURE = re.compile(
     r"\W{0,8}(?:(?:id|no|number|index|code|letter|lane|score|speed|angle)\b[\s:.=#-]*)?[+-]?(?:\d[\d.]*|[A-Z]\b)"
     r"[ °]?(?:m/s|deg\w+)?\s*(?:[,;|].*)?",
@@ -267,13 +272,14 @@ _MEASURE = re.compile(
 
 
 def _without_things(text: str, names: ActionNames) -> str:
-    """Return a text without the lines that only number or measure the thing of a heading."""
-    kept, about = [], False
+    """Return a text without the lines that only measure the thing of a heading, or name what it denies."""
+    about, kept = None, []
     for line in text.split("\n"):
-        if about and _MEASURE.fullmatch(line):
+        if about and (_MEASURE.fullmatch(line) or (about.re is _OF_NONE and names.whole(line.strip(" -+•")))):
             continue
         if re.search(r"\w", line) and not (about and ":" in line and not _MARKER.match(line)):
-            about = (head := _OF_THING.fullmatch(line)) is not None and not names.quantity.is_key(head[1])
+            about = _OF_NONE.fullmatch(line) or _OF_THING.fullmatch(line)
+            about = None if about and names.quantity.is_key(about[1]) else about
         kept.append(line)
     return "\n".join(kept)
 
@@ -282,7 +288,7 @@ _WHOLLY = re.compile(
     r"\s*(?:that's an? )?([+-]?[\d.]{1,6}|[A-Z])(?: \((?:free|clear|empty|open) (?:road|lane|path|way|hall)\))?[.!\s]*",
     re.IGNORECASE,
 )
-"""A mark and nothing else: "That's a 2.", "3 (free road)"."""
+"""A mark and nothing else: "3 (free road)"."""
 _MEANT = re.compile(
     r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er| down)"
     r"|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b(?![^(\n]{0,50}\b(?:cars|trucks|vehicles|vans|people"
@@ -290,7 +296,7 @@ _MEANT = re.compile(
     r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))(?:,?\s(?:because|since)\b[^.!?\n(]{1,120})?[.!\s]*$",
     re.IGNORECASE,
 )
-"""An order with its option in brackets at the end: "Change lane right (2)."."""
+"""An order with its option in brackets: "Change lane right (2)."."""
 
 
 _REPEATED = re.compile(r"[ \t]?[(\[]([^()\[\]\n]{3,120})[)\]](?=\s{0,3}[:=])")
@@ -707,9 +713,9 @@ _MOVES_BY = frozenset(["move", "drive", "go", "run", "print", "turn"])
 """Calls whose number may be a distance or a count, where none has a sign."""
 _NO_CODE = re.compile(r"#|//|!\s?$|\b(?:not|or|if|elif|def|while|unless|never|assert)\b|n't\b|\?")
 _STATED_ALONE = re.compile(r"[\s\"'`]*(?:$|\n|#|//|[;.,)}]|(?:here|now|because|since|as)\b)")
-"""What may follow a call of an action; "the slow() function" is no such call."""
+"""What may follow a call of an action."""
 _ORDERS = re.compile(r"(?:^|\.)(?:go|turn|steer|change|drive|move|keep|make|merge)(?=_)", re.IGNORECASE)
-"""How a call begins that may say an action in its other words: "change_lane_left()"."""
+"""How a call begins that may say an action in its other words."""
 _MANY = ("actions", "options", "choices", "answers", "commands", "bins", "values", "decisions")
 _PEDALS = re.compile(r"throttle|brak(?:e|es|ing)|gas|accel\w*|clutch|gear", re.IGNORECASE)
 _JUST_BEFORE = 80
