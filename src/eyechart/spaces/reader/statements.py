@@ -264,8 +264,8 @@ _OF_NONE = re.compile(
     re.IGNORECASE,
 )
 _MEASURE = re.compile(
-    r"\W{0,8}(?:(?:id|no|number|index|code|letter|lane|score|speed|angle)\b[\s:.=#-]*)?[+-]?(?:\d[\d.]*|[A-Z]\b)"
-    r"[ °]?(?:m/s|deg\w+)?\s*(?:[,;|].*)?",
+    r"\W{0,8}((?:id|no|number|index|code|letter|lane|score|speed|angle)\b[\s:.=#-]*)?[+-]?(?:\d[\d.]*|[A-Z]\b)"
+    r"[ °]?(?:m/s|deg\w+)?\s*(?(1)(?:[,;|].*)?)",
     re.IGNORECASE,
 )
 """A heading about a thing, and a line that only numbers or measures it: "Lead vehicle", "id: 3"."""
@@ -484,7 +484,7 @@ _MOVES = re.compile(
     r"|value|content|message)",
     re.IGNORECASE,
 )
-"""Keys whose objects are about the own motion or self, or wrap another."""
+"""Keys whose objects are about the own motion, or wrap another."""
 _SEEN = re.compile(
     r"percept|percei|scene|observ|environment|context|image|picture|frame|situation|leader|world", re.IGNORECASE
 )
