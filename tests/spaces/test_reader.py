@@ -86,6 +86,7 @@ CATASTROPHES = {
     "boxes in boxes": "\\boxed{{STOP}" * 7_000,
     "keys without an end": '{"action": ' * 9_000,
     "objects that state": '{"action": "STOP"} ' * 900 + '{"action": "LEFT"}',
+    "actions and thoughts in turns": "{" + '"action": "STOP", "why": "so LEFT is fine, but", ' * 2_000 + '"a": 1}',
     "struck out": "~~STOP" * 15_000,
     "rows": "| STOP |\n" * 10_000,
     "one letter at a time": "S T O P " * 12_000,
@@ -101,6 +102,7 @@ STATED = {
     "a megabyte that ends in an answer": "SLOW",
     "a list without end": "LEFT",
     **dict.fromkeys(["choices", "labels", "answers in tags", "boxes in boxes", "struck out", "brackets"], "STOP"),
+    "actions and thoughts in turns": "STOP",
 }
 """Those in which somebody chooses an action all the same."""
 

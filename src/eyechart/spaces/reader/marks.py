@@ -9,7 +9,7 @@ from functools import lru_cache
 from itertools import islice
 
 LETTERS = "0-9A-Za-z\u00c0-\u024f\u0370-\u052f"
-"""Letters of scripts with spaces between words; next to another script, a name stands alone."""
+"""Letters of scripts with spaces between words."""
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)"
 _HEAD = re.compile(
     r"(?:[\s\"'(\[{*`_.,;:]|<(?=[^<>]*>)"
@@ -28,7 +28,7 @@ _BESIDE_BEFORE = re.compile(
     rf"(?:(?P<number>\d+){_BETWEEN}|(?:[≤≥≠≈~±]=?|(?:(?<![-=])[<>]|!)=|(?<![-=\w])[<>])[ \t]*)\Z"
 )
 _BESIDE_AFTER = re.compile(rf"{_BETWEEN}[+-]?(?P<number>\.?\d+)|[+^]")
-"""What makes a number part of something else: a second number, "3 – 5", or a bound, "≥ 3"."""
+"""What makes a number part of something else: "3 – 5", "≥ 3"."""
 SIGN_APART = re.compile(r"(?:\b(?:minus|negative|neg\.?)[\s\"'(\[)\]:,]{1,4}|(?<![\w)])-[(\[{\"']+)\Z", re.IGNORECASE)
 """A sign that is separated from its number: "-(1)", "minus (1)"."""
 _LISTED_BEFORE = re.compile(rf"(?:^|[\n(\[:=])[ \t]*(?:{_NUMBER}[ \t]*,[ \t]*)*(?P<number>{_NUMBER})[ \t]*,[ \t]*\Z")
@@ -52,7 +52,7 @@ _BEFORE = re.compile(
     r"take|taking|use|using|output|return|execute|perform|apply|do|prefer|recommend|recommended|suggest|advise|propose"
     r"|answer|reply|respond|vote|opt|lean|towards|as|yes|no|ok|okay|only|believe|think|guess|suppose|mean|steer"
     r"|steering|final|best|better|safest|correct|because|by|o|u|y|e|obviously|clearly|definitely|certainly|absolutely"
-    r"|surely|probably|likely|preferably|actually|sorry|perhaps|maybe|possibly|alternatively|later|afterwards|leaves"
+    r"|avoid|out|reject|surely|probably|likely|preferably|actually|sorry|perhaps|maybe|possibly|alternatively|later|afterwards|leaves"
     r"|leaving|makes|remains|course|doubt|first|yeah|yep|alright|great|sure|need|needs|requires|demands"
 )
 _SET = re.compile(
@@ -62,7 +62,7 @@ _SET = re.compile(
     r"|driving)\s+(?:\w+\s+)?at)\s+$",
     re.IGNORECASE,
 )
-"""Words that may also precede a number with its unit or sign; "turning by" describes an act."""
+"""Words that may also precede a number with its unit or sign."""
 _WITH_QUANTITY = re.compile(
     r"\b(?:an?\s|the\s)?(?:[\w-]+\s)?(?:speed|velocity|angle|steering|value|bin)\s(?:value\s)?of\s$", re.IGNORECASE
 )
@@ -87,18 +87,20 @@ _AFTER = re.compile(
     r"because|since|as|is|was|would|should|seems|looks|appears|remains|due|so|and|or|but|given|then|"
     r"than|here|now|please|instead|rather|when|while|if|unless|with|it|i|we|i'd|which|for|over|the|"
     r"until|till|later|afterwards|next|therefore|thus|hence|again|immediately|safely|gently|carefully|though|although"
-    r"|not|only|makes|gets|has|selected|chosen|followed|will|works|fits"
+    r"|not|only|makes|(?:is|wo|would)n't|gets|has|selected|chosen|followed|will|works|fits"
 )
 _WITH_NEXT = re.compile(rf"\s+(?:or|and|o|y|и)\s+(?:{_NUMBER}|[A-Z])(?![\w.])")
 """A second mark: "either 0 or 2" is a list, whatever precedes its first."""
-_DOES = re.compile(r"are|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives")
+_DOES = re.compile(
+    r"are|does|cannot|\w+n't|were|both|will|could|can|means|hits|leads|fits|avoids|works|keeps|takes|gives"
+)
 """Verbs of an option, never after an article."""
 _WORD_BEFORE = re.compile(r"([^\W\d_][\w']*)[ \t\"'(\[]*\Z")
 _WORD_AFTER = re.compile(r"[\"'\]]*[ \t]+(?!at first\b|initially\b\s*(?:[.,;]|$))([^\W\d_][\w']*)")
 _ITEM = re.compile(r"^[ \t>#*+-]*\(?(?:\d{1,2}|[a-z])[.):][ \t]+\S", re.IGNORECASE | re.MULTILINE)
 _OPENS = re.compile(r"\.[ \t]+\S")
-_INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)[^\W\d_]\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
-"""Two dotted letters make an abbreviation: "D. C.", "e. g.", "J. B. Goode"."""
+_INITIAL = re.compile(r"(?<![Nn]ot )(?<!\w)([^\W\d_])\.[ \t]?\Z"), re.compile(r"\.[ \t]?[^\W\d_]\.(?!\w)")
+"""Two dotted letters make an abbreviation: "D. C.", "e. g."."""
 _SPECIES = re.compile(r"\.[ \t]+(?:coli|elegans|sapiens|aureus|subtilis|cerevisiae|musculus|difficile)\b")
 """A species' name after a dotted letter is no option's text: "E. coli"."""
 _AROUND = re.compile(r"\.[ \t]+\d")
@@ -223,10 +225,7 @@ def _numbers(text: str, marks: Marks) -> Iterator[Mention]:
 
 
 def _is_one_of_others(text: str, start: int, end: int, numbers: Mapping[str, object]) -> bool:
-    """Return whether a number is one of several: in a call, as "steer(1, 0)", or in a list.
-
-    A list counts if another item is no action. A separated sign counts too.
-    """
+    """Return whether a number is one of several in a call or a list with no action, or has a separated sign."""
     left = text[max(0, start - 60) : start]
     if (call := _CALL_BEFORE.search(left)) is not None and (rest := _CALL_AFTER.match(text, end)) is not None:
         return "," in call[1] + rest[0]
@@ -250,10 +249,7 @@ def _is_beside(number: str, unit: str, text: str, start: int, end: int) -> bool:
 
 
 def _is_other_side(side: str | None, text: str, start: int, end: int) -> bool:
-    """Return whether the words at a mark contradict its action's side: "2 (hard left)".
-
-    Such a contradiction names nothing.
-    """
+    """Return whether the words at a mark contradict its action's side: "2 (hard left)"."""
     if side is None:
         return False
     found = _SIDE_AFTER.match(text, end) or _SIDE_BEFORE.search(text, max(0, start - 40), start)
@@ -295,8 +291,9 @@ def _is_quoted(text: str, start: int, end: int) -> bool:
 
 def _is_shortened(text: str, match: re.Match[str]) -> bool:
     """Return whether a letter is part of an abbreviation or a name, or a unit."""
-    before, after, start, end = *_INITIAL, match.start(), match.end()
-    if before.search(text, max(0, start - 4), start) or after.match(text, end) or _SPECIES.match(text, end):
+    start, end = match.span()
+    first = _INITIAL[0].search(text, max(0, start - 4), start)
+    if (first and first[1] != match[0]) or _INITIAL[1].match(text, end) or _SPECIES.match(text, end):
         return True
     return _COUNTED.search(text, max(0, start - 4), start) is not None or (
         match["letter"].islower() and _AROUND.match(text, end) is not None

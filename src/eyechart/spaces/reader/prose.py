@@ -1,7 +1,6 @@
 """Which action prose chooses; an action that is denied, described, conditional or asked is none.
 
-The patterns work on lower-case text in which ``@`` stands for an action. Each reads a bounded
-number of characters around one, so reading time grows only with the length of a reply.
+The patterns read a bounded number of characters around ``@``, which stands for an action.
 """
 
 import bisect
@@ -16,18 +15,13 @@ from eyechart.spaces.reader.marks import Mention, is_mark
 from eyechart.spaces.space import Decision, unparsed
 
 Unparsed = Literal["no_action", "unknown_action", "several_actions", "negated", "not_chosen"]
-"""Why a reply in words could not be read.
-
-It names no action, states one that the space lacks, or chooses several different ones. Or it names
-one only to deny it, or without choosing it ("the car on the LEFT", "LEFT?").
-"""
+"""Why a reply in words could not be read."""
 
 Status = Literal["chosen", "half", "denied", "listed", "said"]
 """The use of a named action; ``half`` is chosen with something unread: "LEFT and accelerate"."""
 
 _SHORT = 80
-"""In a text of at most so many characters, one named action is a choice if its name has no other
-use."""
+"""In so short a text, one named action is a choice if its name has no other use."""
 _LEFT, _RIGHT, _JOINT = 160, 80, 40
 """Characters to read before a mention, after it, and between two in one list."""
 _MENTIONS_AT_MOST = 500
@@ -257,31 +251,28 @@ _CHOSEN_BEFORE = re.compile(
 
 _CHOSEN_AFTER = re.compile(
     r"\"?(?:\s+(?:down|lane(?: change)?|turn|on the (?:left|right)))?\"?(?:\s+(?:is|'s|seems|looks|appears|would be"
-    r"|remains|will be"
-    r"|would)(?:\s+(?:to be|like|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more|only|much"
-    r"|by far|be)){0,4}\s+(?:best|better|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice|decision"
-    r"|pick|vote|left(?=[\s.,!]*$)|way to go|only way|enough|sufficient|needed|necessary|required|recommended"
-    r"|advised|fitting"
-    r"|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one|prudent|wise|wisest|sensible|justified"
-    r"|viable|suitable|(?:right|logical|obvious|natural) (?:choice|answer|action|option|move|thing|call|speed|angle"
-    r"|value|bin)|action|option|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems|looks) (?:good|right)\b"
-    r"|\s+(?:works|fits) best\b|\s+(?:recommended|advised|preferred)\b|\s+the (?:best|safest|right|correct"
-    r"|most \w+) (?:option|choice|action|answer|one)\b|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick|do|say|take"
-    r"|go with|recommend)\b|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good|right|best"
-    r"|the (?:best|safest)))\b|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is|was)? ?(?:chosen"
-    r"|selected)(?=[\s.!]*$)|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b|\s+is the (?:only )?(?:action"
-    r"|option|one|choice) that (?:avoids (?!nothing)|(?:keeps (?:\w+ ){0,2}(?:clear|safe|straight|(?:on|in|within)"
-    r" (?:the|our))|(?:points|leads|brings) (?:(?:us|me|it|the robot) )?(?:closer )?(?:at|to|towards?) (?:the|our)"
-    r" (?:open )?(?:door(?:way)?|exit|goal|target|corridor|chair|table)|points (?:us|me|the robot) at it)\b"
-    r"(?![^.,;!?@]*\b(?:into|off|away|nowhere|nothing|wrong|locked|closed|blocked)\b))[^.,;!?@]*"
-    r"|\s+(?:remains|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))"
-    r"(?:\s+(?:action|choice|option|move|answer|decision|pick|speed|angle|value|course"
-    r"|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course|available|possible|here|now|right|them|these|all|the"
-    r"|options|actions|choices|idea|out|left|forward))*"
-    r"(?=[\s\"']*(?:[^\w\s]|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due|at"
-    r"|and|but|so|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while|than|then|over|i|for(?= (?:now"
-    r"|me|us|this|the|our|my|it|safety|\w+ing)\b)|by|from|on|under|though|although|even|without|not|rather|instead"
-    r"|especially|today|before|after|once|only)\b))"
+    r"|remains|will be|would)(?:\s+(?:to be|like|clearly|probably|definitely|then|now|thus|therefore|the|a|my|most|more"
+    r"|only|much|by far|be)){0,4}\s+(?:best|better|safest|safer|correct|appropriate|fine|good|ok|okay|answer|choice"
+    r"|decision|pick|vote|left(?=[\s.,!]*$)|way to go|only way|enough|sufficient|needed|necessary|required|recommended"
+    r"|advised|fitting|advisable|preferable|preferred|optimal|ideal|reasonable|warranted|one(?! option)|prudent|wise"
+    r"|wisest|sensible|justified|viable|suitable|(?:right|logical|obvious|natural) (?:choice|answer|action|option|move"
+    r"|thing|call|speed|angle|value|bin)|action|option|safe (?:choice|option|action))\b|\s+it is\b|\s+(?:seems"
+    r"|looks) (?:good|right)\b|\s+(?:works|fits) best\b|\s+(?:recommended|advised|preferred)\b|\s+the (?:best|safest"
+    r"|right|correct|most \w+) (?:option|choice|action|answer|one)\b|\s+is what (?:i|we)(?:'d| would)? (?:choose|pick"
+    r"|do|say|take|go with|recommend)\b|\s+(?:should|will|would) (?:do(?: it)?|work|be (?:fine|enough|safe|ok|good"
+    r"|right|best|the (?:best|safest)))\b|\s+makes (?:the most )?sense\b|\s+(?:gets|has) my vote\b|\s+(?:is"
+    r"|was)? ?(?:chosen|selected)(?=[\s.!]*$)|,?\s+i'd say\b|\s+(?:seems|is about) right\b|\s+is plenty\b"
+    r"|\s+is the (?:only )?(?:action|option|one|choice) that (?:avoids (?!nothing)|(?:keeps (?:\w+ ){0,2}(?:clear|safe"
+    r"|straight|(?:on|in|within) (?:the|our))|(?:points|leads|brings) (?:(?:us|me|it|the robot) )?(?:closer )?(?:at|to"
+    r"|towards?) (?:the|our) (?:open )?(?:door(?:way)?|exit|goal|target|corridor|chair|table)|points (?:us|me"
+    r"|the robot) at it)\b(?![^.,;!?@]*\b(?:into|off|away|nowhere|nothing|wrong|locked|closed|blocked)\b))[^.,;!?@]*"
+    r"|\s+(?:remains|is (?:all|what) (?:that )?(?:is left|remains))(?=[\s.,!]*$))(?:\s+(?:action|choice|option|move"
+    r"|answer|decision|pick|speed|angle|value|course|man(?:o|eu|oeu)ver|manoeuvre|one|thing|bet|of|course|available"
+    r"|possible|here|now|right|them|these|all|the|options|actions|choices|idea|out|left|forward))*(?=[\s\"']*(?:[^\w\s]"
+    r"|$|(?:because|since|as|to(?! (?:(?:the|an?|another|question|crash|hit)\b|\d))|given|due|at|and|but|so"
+    r"|in(?= (?:this|the|my|our|that)\b)|with|considering|based|when|while|than|then|over|i|for(?= (?:now|me|us|this"
+    r"|the|our|my|it|safety|\w+ing)\b)|by|from|on|under|though|although|even|without|not|rather|instead|especially"
+    r"|today|before|after|once|only)\b))"
     rf"(?!\s+for (?:the|an?|that) (?:{_OTHER}|truck|bus|van|car|driver|vehicle)\b)"
 )
 _TAKEN_BACK = re.compile(
@@ -319,10 +310,9 @@ _HESITATES = re.compile(
 )
 _RULED_OUT = re.compile(
     r"\b(?:rul(?:e|es|ed|ing) out|exclud(?:e|es|ed|ing)|eliminat(?:e|es|ed|ing)|dismiss(?:ed|ing)?|discard(?:ed"
-    r"|ing)?)\b(?!(?: (?:the|any|all|every|this|that|a|further|possible))*"
-    r" (?:risks?|dangers?|hazards?|chances?|collisions?|possibility|uncertainty|conflicts?)\b)"
-    r"(?:(?!\b(?:so|but|leav\w+|leaves|therefore|thus|hence|only|remain\w*|i|we|should"
-    r"|(?:action|choice|answer|decision|option|move|pick) (?:is|would be|should be))\b)[^.;!?])*$"
+    r"|ing)?)\b(?!(?: (?:the|any|all|every|this|that|a|further|possible))* (?:risks?|dangers?|hazards?|chances?"
+    r"|collisions?|possibility|uncertainty|conflicts?)\b)(?:(?!\b(?:so|but|leav\w+|leaves|therefore|thus|hence|only"
+    r"|remain\w*|i|we|should|(?:action|choice|answer|decision|option|move|pick) (?:is|would be|should be))\b)[^.;!?])*$"
 )
 """Words that deny each action of the list behind them."""
 _THEN = re.compile(r"(?:\band|,) ?(?:then|followed by)\b[^@.;!?]*$")
@@ -362,8 +352,7 @@ _SET_TO = re.compile(
     r"|\b(?:id|number|index|action|option|command|bin|letter|value|code)\s+(?:i|we)(?:'d|'ll|\s+would|\s+will)?"
     r"\s+(?:choose|pick|select|take|use|send|output|give|return) (?:is|would be)"
     rf"|{_OWN_WILL}(?:just\s+)?(?:set|put|turn|keep|leave|hold)\s+(?:(?:the|my|our)\s+)?(?:{_QUANTITY}|wheel"
-    rf"|steering wheel|it)\s+(?:to"
-    rf"|at)|{_OWN_WILL}(?:steer(?: by| with)?"
+    rf"|steering wheel|it)\s+(?:to|at)|{_OWN_WILL}(?:steer(?: by| with)?"
     r"|(?:slow(?: down)?|accelerate|speed up|decelerate|brake|(?:reduce|increase|decrease|lower|raise)"
     rf"(?: (?:the|my|our|it))?(?: {_QUANTITY})?)(?:{_FROM})?\s+to"
     rf"|(?:drop|go|change|move|switch|cut)(?: (?:the|my|our|it))?(?: {_QUANTITY})?{_FROM}\s+to))[\s\"'(:]*$"
@@ -374,14 +363,14 @@ _CAN = re.compile(
     r"\W*(?:so\W+)?(?:we|i|the robot) can (?:(?:safely|now) )?(?:drive|go|move|travel|proceed) (?:on )?at\s+"
 )
 _CAN_NOW = re.compile(r"(?:\s(?:here|now|safely))?(?:[\s.!]*$|,?\s(?:because|since|as)\b)")
-"""What can be done is chosen where nothing else is said: "We can drive at 2 m/s"."""
+"""What can be done is chosen where nothing else is said."""
 
 # Words that withdraw a mention.
 
 _NOT = (
     r"(?:\b(?:not|never|no|nor|neither|none|without|avoid\w*|cannot|cant|dont|refus\w+|declin\w+|unable|impossible"
     r"|unsafe|dangerous|risky|unwise|wrong|bad|unnecessary|useless|forbidden|illegal|nobody|hardly|doubt\w*|mistake"
-    r"|no point|false|untrue|unclear|uncertain|unsure|incorrect|worst|least|rejected|reject\w*|discard\w*|forget"
+    r"|no point|false|untrue|unclear|uncertain|unsure|incorrect|worst|least|reject\w*|discard\w*|forget"
     r"|cancel\w*|ignor\w+|whether|kein\w*|nie|pas|jamás|ni|non|nem|ни|никогда|нiколи|ingen|inte|ikke|geen|hayır"
     r"|değil)\b|n't\b|不|别|勿|避免|没|沒|無|禁止|안 |못 )"
 )
@@ -392,7 +381,7 @@ _THAN = _one_of(
 _DENIED_BEFORE = re.compile(
     rf"{_NOT}[^@]{{0,45}}$|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
 )
-_NEGATED = re.compile(r"(?:(?:^|[\s(])[!¬~]|\bnot\s?)[\s\"']*$")
+_NEGATED = re.compile(r"(?:(?:^|[\s(])[!¬~]|\bnot\s?|\bnone of \w -)[\s\"']*$")
 """A program's sign of negation: "!LEFT", "not(LEFT)"."""
 _DENIED_BRACKET = re.compile(
     rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with"
@@ -421,17 +410,16 @@ _BAD = _one_of(
 _DENIED_AFTER = re.compile(
     rf"\"?(?:\s+(?:lane|side|turn|option|action|down))?\"?(?:\s+(?:is|are|was|were|would be|would|will be|will|seems"
     rf"|looks|appears|can|could|may|might|es)(?:\s+(?:be|also|both|clearly|definitely|really|currently|simply|very|far"
-    rf"|still)){{0,2}}\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b|lead to\b|risk\b|block\b)|\s*(?:isn't"
-    rf"|wasn't|aren't|can't|cannot|wouldn't|won't|doesn't|is n't)\b|\s*[:=-]\s*(?:(?:would be|is|it is|it's|looks"
+    rf"|still)){{0,2}}\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b|lead to\b|risk\b|block\b)|\s*(?:isn't|wasn't"
+    rf"|aren't|can't|cannot|wouldn't|won't|doesn't|is n't)\b|\s*[:=-]\s*(?:(?:would be|is|it is|it's|looks"
     rf"|seems) )?(?:not(?! (?:the )?@)\b|{_BAD}\b|no(?=[\s.,;|]*$|[.,;|]|\s(?:lane|room|space|need|way)))"
     rf"|\s*\((?:not \w+(?: \w+)?[).,;]|{_BAD}\b|rejected\b)|[^@.;\n]{{0,50}}\b(?:but|except|until|yet"
     rf"|though)\b[^@.;\n]{{0,40}}(?:{_NOT}|\b(?:(?!out\b(?! of)){_BAD}|overlooks?|ignores?)\b)"
     rf"|\s+(?:leads? to (?:an? )?(?:collision|crash|accident)|hits? (?:the|an?)|crash(?:es)?\b|collides?\b)"
     rf"|\s*(?:[:=-]>?|->)\s*(?:an? |the )?(?:collision|crash\w*|accident|danger|hits?)\b|\s*(?:[✗✘❌✖🚫👎⛔✕]"
     rf"|\((?:considered|no)\))|\s+(?:rather than|over|instead of|before)\s+@\s+(?:is|was"
-    rf"|would be)\s+(?:\w+\s+)?{_BAD}\b"
-    rf"|[^@.,、。]{{0,12}}(?:ません|ない|なく|なかった|ず|않|아니|못|禁止|危険|危险)|\"?(?:\s+is"
-    rf"|\s+are)\s+(?:best|better)\s+(?:avoided|left|not)\b|\"?,?\s+said (?:nobody|no one)\b)"
+    rf"|would be)\s+(?:\w+\s+)?{_BAD}\b|[^@.,、。]{{0,12}}(?:ません|ない|なく|なかった|ず|않|아니|못|禁止|危険|危险)"
+    rf"|\"?(?:\s+is|\s+are)\s+(?:best|better)\s+(?:avoided|left|not)\b|\"?,?\s+said (?:nobody|no one)\b)"
 )
 _BADLY = r"(?:an? |the )?(?:collision|crash|accident|wall|ditch)"
 _HARM = _one_of(
@@ -448,17 +436,14 @@ _HARMS = re.compile(
     rf"(?:(?:this|that|which|doing (?:so|this|that)){_MAY}?|it(?:\s*'d|\s+would))|,\s*which{_MAY})"
     rf"{_SURELY}\s+{_HARM}{_NOT_ELSE}"
 )
-"""The effect of an action, directly after it: "B: it would crash".
-
-A reason to brake may be a separate sentence ("STOP. We would hit it"); that is no denial.
-"""
+"""The effect of an action, directly after it: "B: it would crash"; "STOP. We would hit it" is none."""
 _BLOCKED = re.compile(
     rf"\s+{_BAD}\b|\s*(?:turn|steer|go|keep|stay|slow|stop|brak|accelerat|speed|chang|mov|driv|swerv|merg|continu"
     rf"|maintain)(?:(?!\b(?:because|since|as|so|while|when|where)\b)[^@.,;:!?\n]){{0,30}}\s(?:is|are|would be|would"
     rf"|will|can|may)\s+(?:not\b|{_BAD}\b|hit\b|crash\b|collide\b|cause\b"
     r"|lead to\b|risk\b)"
 )
-"""Words about an option after its letter: "A) blocked", "B) turn right is unsafe"."""
+"""Words about an option after its letter: "A) blocked"."""
 _ASKED_FOR_BAD = re.compile(
     rf"\b(?:which|what)\b[^?@]*\b(?:{_BAD}|not|never|avoid\w*|worst)\b[^?@]*\?\s*(?:a[.:)]\s*)?$|\bworse\b[^?]*\?\s*$"
 )
@@ -500,8 +485,7 @@ _SPOKEN_OF = re.compile(
     r"|formerly|a moment ago|naive\w*|superficial\w*|at first (?:glance|sight))\b[^@.;]*$|\b(?:second(?:ary)?"
     r"|alternativ\w*|backup|fallback|runner-up|plan b|next best|previous|last|earlier|former)\b[^@,;]{0,40}$"
     r"|\b(?:ready to|prepared? to|preparing to|prepared for|could|might|may|maybe|perhaps|possibly|consider(?:ing|ed)?"
-    r"|thought(?: about| of)?|used to|was|were|yesterday|tempted to|hesitat\w+"
-    r"|peut-être)\b[^@,:;]{0,40}$"
+    r"|thought(?: about| of)?|used to|was|were|yesterday|tempted to|hesitat\w+|peut-être)\b[^@,:;]{0,40}$"
     rf"|(?:{_SHOULD}|{_WILL})(?: \w+ly)?\s+(?!{_GO}|{_HOLD}|(?!answer){_CHOOSE}|slow|stop|brak|accel)[^@.;:]*,"
     rf"\s+(?:which|that|but the truth)(?:'s| is){_END}"
 )
@@ -523,15 +507,14 @@ _ANSWERS = re.compile(
     r"|car|ego|control|action|answer|decision|choice|pick|conclusion|verdict|recommendation|result|output|response"
     r"|reply|command|man(?:o|eu|oeu)ver|manoeuvre|move|control|course|highest|summary|therefore|thus|hence|correction"
     r"|update|ok|okay|yes|no|instead|now|selection|solution|a|helm|assistant|ai|die|der|das|la|le|el|il|ist|lautet"
-    r"|one word|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate"
-    r"|choose|speed up|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by"
-    r"|slightly|slight"
+    r"|one word|ans|vote|got it|sure thing|sure|here you go|there you go|guess|short|dr|faster|slower|accelerate|choose"
+    r"|speed up|idle|easy|simple|one|no doubt|first of all|in the end|to sum up|in sum|elimination|by|slightly|slight"
     r"|hard|gentle|gently|sharp|policy|(?:max|min)imum|lowest|slowest|fastest|top speed|(?:action|cmd|command|option"
     r"|bin) (?:id|number|no)|cmd|sel|out|top|option|this (?:picture|image|frame|scene|case)|plan|here(?:'s| is)"
     r"|in short|overall|ultimately|to be|svar|colou?r|shape|\d{1,2}|of action|name|exec(?:ute)?"
-    r"|in terms of the (?:given |allowed )?(?:list|options|actions|names))\b"
-    r"|操作|选择|選択|是|は|为|الإجابة|الجواب|القرار"
-    r"|الإجراء|תשובה|उत्तर|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns|[^\w@])+"
+    r"|in terms of the (?:given |allowed )?(?:list|options|actions|names))\b|操作|选择|選択|是|は|为|الإجابة|الجواب"
+    r"|القرار|الإجراء|תשובה|उत्तर|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns"
+    r"|[^\w@])+"
 )
 """Labels of a choice; text after another label, as in "Road shape:", is none."""
 _CLAUSE = re.compile(
@@ -550,16 +533,15 @@ _THING_LABEL = re.compile(
     r"|hold)\b)[\w'-]+\s+){0,4}?(?:detected|position|location|lanes?|sides?|danger|risk|collision|hazard|obstacles?"
     r"|vehicles?|cars?|leads?|blocked|occupied|free|clear|taken|visible|unsafe|bad|worst|wrong|direction of \w+"
     r"|(?!(?:recommend|suggest|select|prefer|advis|requir|need|propos|decid|correct|revis|indicat)ed|need|speed)\w+ed)"
-    r"\)?\s*:\s*[\"'(]*$"
+    r"\)?\s*:\s*(?:(?:id|no|number|index|lane|speed)\s*[:=]\s*)?[\"'(]*$"
 )
 """A label of a thing in the picture: "Obstacle position: LEFT"."""
 
 _IF = re.compile(
     r"\b(?:if|unless|once|when|whenever|in case|in which case|otherwise|after that|afterwards|later|should the|had the"
     r"|were (?:the|it|there|we|i|that)|would have(?! (?:it|the) )|could have|might have|suppose|supposing|assum(?:e"
-    r"|ing)|imagine"
-    r"|pretend|say (?:we|i|it)|before|after|falls|si)\b|(?:^|[.;:]\s*)(?:shall|can|could|may|might|do|does|did|will"
-    r"|would|should|is|are) (?:we|i|it|the|you)\b"
+    r"|ing)|imagine|pretend|say (?:we|i|it)|before|after|falls|si)\b|(?:^|[.;:]\s*)(?:shall|can|could|may|might|do|does"
+    r"|did|will|would|should|is|are) (?:we|i|it|the|you)\b"
 )
 _IF_OF_SPEECH = re.compile(
     r"\b(?:if (?:i|we) (?:had|have|must|were|was|am|are)(?: forced| asked| required)?(?: to)?(?: \w+){0,5}"
@@ -568,9 +550,8 @@ _IF_OF_SPEECH = re.compile(
 _IF_OVER = re.compile(r"\b(?:but|however|for now|currently|(?<!if )so|therefore|thus|hence|right now)\b|[;\n]|\.(?!\d)")
 _IF_AFTER = re.compile(
     r"(?!,?\s+(?:(?:for |right )?now|and|then(?!,? if))\b)[^.;:@]{0,24}?\b(?:if|provided|assuming|as long as|in case"
-    r"|(?<!at )once"
-    r"|when|whenever|only if|falls|si|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec|seconds)|later"
-    r"|soon|tomorrow|in general|generally|usually)\b|,? and (?:you|they|it)\b"
+    r"|(?<!at )once|when|whenever|only if|falls|si|at the (?:next|end|following)|in \d+ ?(?:m|metres|meters|km|s|sec"
+    r"|seconds)|later|soon|tomorrow|in general|generally|usually)\b|,? and (?:you|they|it)\b"
 )
 _REASON = re.compile(r"\b(?:because|since|as|so|due|unless|for)\b")
 
@@ -586,8 +567,7 @@ _RETRACTED = re.compile(
 _PARTED = re.compile(
     r"[,:;()\[\]{}|=/\n<>]|\s-+\s|->|\s-(?=@)|\b(?:because|since|as|so|but|while|whereas|although|though|due to"
     r"|therefore|until|till|given|rather than|instead of|unless|for the|over|not|than|to avoid|to keep|to pass"
-    r"|to overtake|to prevent|to maintain|in order|and then|then|before"
-    r"|and (?:watch|check|keep an eye|monitor))\b"
+    r"|to overtake|to prevent|to maintain|in order|and then|then|before|and (?:watch|check|keep an eye|monitor))\b"
 )
 _TALK = re.compile(r",\s+(?:i|you|we|the|this|that|let|so|ok|okay|here|now|it)\b")
 _COMPARED = re.compile(r"over|not|than|rather than|instead of|for the|as")
@@ -595,21 +575,19 @@ _FILLER = re.compile(
     r"(?:\b(?:ok|okay|sure|well|so|then|thus|hence|therefore|er|um|uh|hmm+|hm|ah|oh|yes|yeah|now|next|first|finally"
     r"|actually|definitely|probably|likely|certainly|clearly|obviously|just|simply|only|rather|better|answer|action"
     r"|decision|choice|command|output|response|result|final|my|the|it|is|it's|that's|that|for now|currently"
-    r"|at the moment|for the moment|here|here's|correction|correct|option|pl(?:ea)?[sz]e?|best|safest"
-    r"|assistant|i guess|i think"
-    r"|to be safe|mais|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely|i\.e"
+    r"|at the moment|for the moment|here|here's|correction|correct|option|pl(?:ea)?[sz]e?|best|safest|assistant|i guess"
+    r"|i think|to be safe|mais|also|but|and|sorry|i mean|no doubt|without a doubt|of course|surely|i\.e"
     "|absolutely|must be|has to be|in the end|confidence|gently"
     r"|immediately|a|an|emergency|full|shape|circle|\d+(?:\.\d+)?|[b-h])\b|[^\w@])*"
 )
 _TAIL = re.compile(
     r"(?:\b(?:down|now|slowly|right now|right there|right away|straight away|at once|pl(?:ea)?[sz]e?|at first|initially"
-    r"|first|immediately|ahead"
-    r"|it is|it down|here|lane|lane change|turn|for now|and wait|and hold|for sure|(?:on|to) (?:the|my) (?:left"
-    r"|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once|at (?:a )?reduced speed|at low speed"
-    r"|with caution|carefully|gently|hard|forward|further|again|obviously|a bit|a little|slightly|sharply"
-    r"|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet|machine|ship|boat|drone|rover"
-    r"|engine|load)|i guess|i think|i would say|up|completely|entirely|action|confidence|end|out|\d+(?:\.\d+)?)\b"
-    r"|[^\w@])*"
+    r"|first|immediately|ahead|it is|it down|here|lane|lane change|turn|for now|and wait|and hold|for sure|(?:on"
+    r"|to) (?:the|my) (?:left|right)(?: side)?|for an? (?:moment|while|bit)|an? (?:moment|while)|at once"
+    r"|at (?:a )?reduced speed|at low speed|with caution|carefully|gently|hard|forward|further|again|obviously|a bit"
+    r"|a little|slightly|sharply|is my (?:answer|choice|decision)|the (?:car|vehicle|truck|robot|forklift|pallet"
+    r"|machine|ship|boat|drone|rover|engine|load)|i guess|i think|i would say|up|completely|entirely|action|confidence"
+    r"|end|out|\d+(?:\.\d+)?)\b|[^\w@])*"
 )
 _ORDERED = re.compile(rf"\s*(?:(?:please|just|then|now)\s+)*(?:{_DONE}|{_HOLD}|change lanes?|lane change)\s*")
 _FAR = r"\d+(?:\.\d+)?\s?(?:km/h|m/s|mph|°|deg(?:ree)?s?|m|cm|met(?:er|re)s?|feet|ft|steps?)"
@@ -633,10 +611,9 @@ _DONE_FOR = re.compile(
 )
 _HELPS = re.compile(
     r"(?: on (?:the|my) (?:left|right)(?: side)?)?(?: will)? (?:lets? (?:(?:us|it|the robot) (?:find|reach|pass|avoid)"
-    r"|the \w+ pass)\b|(?:lead|bring|take|get)s? (?:us|me|it|the robot) (?:closer )?to (?:the|our) "
-    r"(?:(?!wrong|locked|closed|blocked)\w+ )?(?:exit|goal|target|door|corridor)\b"
-    r"|gives? (?:us|me) more (?:room|space|time|distance)\b)"
-    r"(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|too|not|wrong|locked|closed|blocked)\b))"
+    r"|the \w+ pass)\b|(?:lead|bring|take|get)s? (?:us|me|it|the robot) (?:closer )?to (?:the|our) (?:(?!wrong|locked"
+    r"|closed|blocked)\w+ )?(?:exit|goal|target|door|corridor)\b|gives? (?:us|me) more (?:room|space|time"
+    r"|distance)\b)(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|too|not|wrong|locked|closed|blocked)\b))"
 )
 """The use of what is done, which is a reason to do it: "Turning left will bring us to the door."."""
 _ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
@@ -645,7 +622,16 @@ _FINITE = re.compile(
     r"\b(?:is|are|was|would|will|could|can|may|might|leads?|seems|looks|causes?|means|makes|won't|isn't|can't|works?"
     r"|takes?|risks?|hits?)\b"
 )
-"""What is done, with no verb of its own: "Turning right to avoid the box would …" is a statement about it."""
+"""The verbs of a statement about what is done: "Turning right would …"."""
+_ONLY_DENIES = (
+    re.compile(
+        r"(?:^|[.;:!?\n]|\bbut)(?!\s*(?:if|when|once)\b)[^@.;:!?\n]{0,24}$(?<!than )(?<!because )(?<!think )(?<!doubt )"
+    ),
+    re.compile(
+        r"[\s\"')]*(?:$|[.,;!\n]|(?:because|since|seems|looks|cannot|can't|won't work)\b"
+        rf"|is(?!(?:n't| not)(?: {_BAD}| only|[.,;])))"
+    ),
+)
 _EITHER = re.compile(r"\bor\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
 """Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
 _OR_NUMBER = re.compile(
@@ -669,7 +655,9 @@ def takes_back(text: str, action: str, names: ActionNames) -> bool:
     """Return whether a folded text chooses or corrects to another action than was stated before."""
     if (found := read_prose(text, names).action) is not None:
         return found != action
-    marked, placed = _mark(text, tuple(_mentions(text, names))[:1])
+    marked, placed = _placed(text, names)
+    if _is_ruled_out(marked, action, placed, 0):
+        return True
     if not placed or placed[0].mention.action == action:
         return False
     left, right = marked[: placed[0].place], marked[placed[0].place + 1 :][:_RIGHT]
@@ -680,14 +668,9 @@ def takes_back(text: str, action: str, names: ActionNames) -> bool:
 def read_prose(text: str, names: ActionNames) -> Decision[str]:
     """Return the decision of a folded text without a formal statement.
 
-    An action counts if it is chosen: alone in a sentence or a part of one, or in an imperative. It
-    also counts after "I would", "the car should", "the answer is" or "so", and before "is best". An
-    action that is denied, described, conditional, asked, quoted or listed is not chosen. If several
-    differ, the last one counts if words between withdraw the earlier one ("wait", "actually").
-    Otherwise there is no decision.
+    If the chosen actions differ, the last one counts if words between withdraw the earlier one ("wait").
     """
-    marked, placed = _mark(text, tuple(_mentions(text, names))[-_MENTIONS_AT_MOST:])
-    judged = [one for start, end in _sentences(marked) for one in _judged(marked, start, end, placed)]
+    marked, judged = _placed(text, names)
     judged = _in_time(marked, judged)
     judged = _without_interjection(marked, _without_pedals(marked, _without_lists(marked, judged), names))
     chosen = [one for one in judged if one.status in {"chosen", "half"}]
@@ -696,12 +679,30 @@ def read_prose(text: str, names: ActionNames) -> Decision[str]:
         return unparsed(_why(judged)) if alone is None else Decision(alone)
     last = chosen[-1]
     taken_back = _TAKEN_BACK.search(marked, last.place) or _HARMS.match(marked, last.place + 1)
-    if taken_back or _goes_on(marked, last, judged):
+    if taken_back or _is_ruled_out(marked, last.mention.action, judged, last.place) or _goes_on(marked, last, judged):
         return unparsed("not_chosen")
     other = [one for one in chosen if one.mention.action != last.mention.action]
     if other and not _RETRACTED.search(marked[other[-1].place : last.place]):
         return unparsed("several_actions")
     return Decision(last.mention.action) if last.status == "chosen" else unparsed("not_chosen")
+
+
+def _placed(text: str, names: ActionNames) -> tuple[str, list[_PlacedMention]]:
+    """Return the text with signs for the mentions, and the mentions with their status."""
+    marked, placed = _mark(text, tuple(_mentions(text, names))[-_MENTIONS_AT_MOST:])
+    return marked, [one for start, end in _sentences(marked) for one in _judged(marked, start, end, placed)]
+
+
+def _is_ruled_out(marked: str, action: str, judged: Sequence[_PlacedMention], start: int) -> bool:
+    """Return whether a clause behind a place only denies an action: "Not D."."""
+    return any(
+        one.status == "denied"
+        and one.place >= start
+        and one.mention.action == action
+        and _ONLY_DENIES[0].search(marked, max(0, one.place - _LEFT), one.place)
+        and _ONLY_DENIES[1].match(marked, one.place + 1)
+        for one in judged
+    )
 
 
 def _goes_on(marked: str, last: _PlacedMention, judged: Sequence[_PlacedMention]) -> bool:
@@ -964,11 +965,7 @@ def _is_only_done(right: str) -> bool:
 
 
 def _is_measured(left: str, mention: Mention) -> bool:
-    """Return whether a mention measures a thing or the own speed, or is one of several settings.
-
-    "a truck is ahead; it is slowing", "it is 30 degrees", "I am going 5 m/s", "throttle=0.5,
-    brake=0".
-    """
+    """Return whether a mention measures a thing or the own speed, or is one of several settings."""
     if _IT_IS.search(left) and (mention.derived or (mention.united and not left.strip().startswith("so"))):
         return True
     return (mention.united and _GOING.search(left) is not None) or (
@@ -1040,10 +1037,7 @@ def _in_time(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
 
 
 def _without_lists(marked: str, judged: list[_PlacedMention]) -> list[_PlacedMention]:
-    """Return the mentions; those in bulleted lines of actions only are a list.
-
-    So are several that label their descriptions: "STOP: too hard. SLOW: the lead is near."
-    """
+    """Return the mentions; those in bulleted lines of actions, or before descriptions, are a list."""
     mentions = list(judged)
     for at, (before, one) in enumerate(pairwise(judged)):
         between = marked[before.place + 1 : one.place]

@@ -44,9 +44,11 @@ _OWN = (
     r"|answer|decision|tool|step|task|output|response|predicted|executed|taken|single|one|word|short"
     r"|\d{1,3})[ _.-]{0,2}){0,4}"
 )
-"""Words before the name of an answer; ``previous_action`` or ``forbidden_action`` is none."""
+"""Words before the name of an answer."""
 _CODE = r"(?:[ _.-]?(?:id|index|idx|number|num|no|code|letter|key|name))?"
-_KEY_OF_ANSWER = rf"{_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
+_KEY_OF_ANSWER = (
+    rf"(?!options\Z){_OWN}(?:{_LABELS}|tool_input|colou?r|side|count|meta_action|behaviou?r|cmd|option)s?{_CODE}"
+)
 _KEY = re.compile(_KEY_OF_ANSWER, re.IGNORECASE)
 _COUNTS = re.compile(r"counts?|.*(?:_|\b)count", re.IGNORECASE)
 """A key whose number counts something."""
@@ -70,7 +72,7 @@ _FAULT = re.compile(
 )
 _ONLY_SHOWN = re.compile(r"\b(?:only|just|merely) an? (?:example|placeholder|sample)\b", re.IGNORECASE)
 _FINE = re.compile(
-    r"(?:is_?)?(?:valid|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
+    r"(?:is_?)?(?:valid|correct|safe|allowed|ok|success\w*|confident|feasible|final|sure|approved|accepted|permitted|executed)",
     re.IGNORECASE,
 )
 _UNLESS = re.compile(r"(?:pre_?)?conditions?|only_?if|if|when|unless|provided", re.IGNORECASE)
@@ -104,12 +106,11 @@ _NOTHING_SEEN = re.compile(
     r"|process|assist|help|comply|interpret|make out|judge|determine|open|load)\b[^.;\n]{0,30}?\b(?:images?|pictures?"
     r"|photos?|frames?|that|this|request|it|with)\b|\bno (?:image|picture|photo)\b"
     r"|\bas an ai\b(?![^.;!?\n]{0,60}\b(?:control|drive|move|steer)"
-    rf"\b[^!?\n]{{0,40}}\b(?:but(?: if)?|however,) i\b)|\bmust decline\b"
-    rf"|{PICTURE_ASKED_FOR}",
+    rf"\b[^!?\n]{{0,40}}\b(?:but(?: if)?|however,) i\b)|\bmust decline\b|{PICTURE_ASKED_FOR}",
     re.IGNORECASE,
 )
 _NO_STATEMENT = re.compile(
-    r"(?:\b(?:not|never|no|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
+    r"(?:\b(?:not|never|no|else|wrong|false|incorrect|example|valid|such as|looks? like|previous|earlier|format"
     r"|instead of)\b|n't\b|e\.g)",
     re.IGNORECASE,
 )
@@ -147,12 +148,9 @@ def _takes_back(text: str, action: str, names: ActionNames) -> bool:
 
 
 def read_words(visible: str, names: ActionNames) -> Decision[str]:
-    """Return the decision of the words outside thinking: strict, and never guessing.
+    """Return the decision of the words outside thinking, of the first form of statement that is present.
 
-    First the whole text as a name. Then the statements of JSON objects, answer tags or boxes, the
-    last line that begins with ``action:`` or similar, and prose. The first form that is present
-    decides. Different statements of one form are no decision, unless words between withdraw one. A
-    reply that first says that it sees no picture or cannot help is refused, whatever follows.
+    A reply that first says that it sees no picture or cannot help is refused, whatever follows.
     """
     visible = _GAP.sub(lambda gap: "\n" * min(2, gap[0].count("\n")) or "    ", visible)
     if (bare := names.whole(fold(visible))) is not None:
@@ -181,7 +179,7 @@ _BY_NUMBER = re.compile(
 
 
 def _by_number(text: str, names: ActionNames) -> str | None:
-    """Return what follows a numbered list of long names, with the names for their numbers; None without both."""
+    """Return what follows a numbered list of names, with these for the numbers; None without both."""
     if any(map(is_mark, names.actions)) or len(items := [*_ITEM.finditer(text)][:_MARKERS_AT_MOST]) < _BOTH:
         return None
     named = {item[1].upper(): _first(fold(item[2]), names) for item in items}
@@ -200,13 +198,13 @@ def _first(text: str, names: ActionNames) -> str | None:
 
 _BOTH = 2
 _GAP = re.compile(r"\s{5,}")
-"""Blank lines and columns of spaces, which say no more than one blank line or a few spaces do."""
+"""Blank lines and columns of spaces, which say no more than a few."""
 _ROBOT = re.compile(
     r"\A(\W*the (?:robot|rover)) (?:(go)es|([a-z]{2,12}?)s)\b(?=[^.,;!?\n]{0,20},? (?:because|since|due to)\b)"
     r"(?!.*\b(?:then|or|says?)\b)",
     re.IGNORECASE | re.DOTALL,
 )
-"""What the robot does, with a reason, opens a reply: "The robot stops, since the floor is wet."."""
+"""A reply that opens with what the robot does: "The robot stops, since …"."""
 _TURNS = re.compile(
     r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*(?:(?:that|this|i|we|you|to"
     r"|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}(?:turn|steer|go|bear|swing|veer"
@@ -224,7 +222,7 @@ _TURN_TAKEN = re.compile(
     r"(?! [^.,;!?\n]{0,20}\b(?:into|off|dead|collision|crash|away|wall|locked|closed|stairs)\b)",
     re.IGNORECASE,
 )
-"""A turn as the reason of a choice: "since a left turn gets us to the door"."""
+"""A turn as the reason of a choice."""
 
 
 def _turns_otherwise(text: str, side: str | None) -> bool:
@@ -246,18 +244,51 @@ def _find(text: str, names: ActionNames) -> Decision[str]:
     if (wholly := _WHOLLY.fullmatch(text)) is not None and (bare := names.whole(wholly[1])) is not None:
         return Decision(bare)
     folded = _ANEW_STATED.sub(r"\n\1\n", _unlisted(_TAG.sub(lambda tag: _kept(tag, names), text), names))
-    if (marked := _marked(folded, names)) is not None:
+    if (marked := _marked(folded := _without_things(folded, names), names)) is not None:
         return marked
     read = _prose(folded, names)
     meant = None if read.action or read.why in {"several_actions", "negated"} else _MEANT.search(folded)
     return (meant and _in_brackets(meant[1], names)) or read
 
 
+_OF_THING = re.compile(
+    r"\W{0,8}((?:(?:the|an?|lead\w*|front|near\w*|closest|other|own|ego|current|traffic|risk|number of|\w+ed) ){0,3}"
+    r"(?:(?:vehicle|car|truck|person|pedestrian|object|obstacle|detection|lane|track|frame|image|camera|sign|exit|gate|score"
+    r"|confidence|distance|gap|count|speed|angle|curve)s?\b[ (]{0,2}){1,3}(?:ahead|in front|front|id|number|\d+)?)"
+    r"[^\w\n]{0,8}",
+    re.IGNORECASE,
+)
+_OF_NONE = re.compile(
+    r"\W{0,8}((?!no )(?:\w+ (?:to )?)?(?:avoid|forbidden|rejected|ruled out|not recommended|previous|last|second best"
+    r"|alternatives?|examples?|unsafe(?= )|possible(?= ))(?: (?:option|action|choice|answer|decision)s?)?)\W{0,8}",
+    re.IGNORECASE,
+)
+_MEASURE = re.compile(
+    r"\W{0,8}((?:id|no|number|index|code|letter|lane|score|speed|angle)\b[\s:.=#-]*)?[+-]?(?:\d[\d.]*|[A-Z]\b)"
+    r"[ °]?(?:m/s|deg\w+)?\s*(?(1)(?:[,;|].*)?)",
+    re.IGNORECASE,
+)
+"""A heading about a thing, and a line that only numbers or measures it: "Lead vehicle", "id: 3"."""
+
+
+def _without_things(text: str, names: ActionNames) -> str:
+    """Return a text without the lines that only measure the thing of a heading, or name what it denies."""
+    about, kept = None, []
+    for line in text.split("\n"):
+        if about and (_MEASURE.fullmatch(line) or (about.re is _OF_NONE and names.whole(line.strip(" -+•")))):
+            continue
+        if re.search(r"\w", line) and not (about and ":" in line and not _MARKER.match(line)):
+            about = _OF_NONE.fullmatch(line) or _OF_THING.fullmatch(line)
+            about = None if about and names.quantity.is_key(about[1]) else about
+        kept.append(line)
+    return "\n".join(kept)
+
+
 _WHOLLY = re.compile(
     r"\s*(?:that's an? )?([+-]?[\d.]{1,6}|[A-Z])(?: \((?:free|clear|empty|open) (?:road|lane|path|way|hall)\))?[.!\s]*",
     re.IGNORECASE,
 )
-"""A mark and nothing else: "That's a 2.", "3 (free road)"."""
+"""A mark and nothing else: "3 (free road)"."""
 _MEANT = re.compile(
     r"(?:^|[.!\n>]\s)\s*((?:(?:hard|full|sharp|slight(?:ly)?) (?:left|right)|turn|steer|change|go|slow(?:er| down)"
     r"|faster|accelerate|brake|keep|stay|idle|maintain|speed up)\b(?![^(\n]{0,50}\b(?:cars|trucks|vehicles|vans|people"
@@ -265,21 +296,22 @@ _MEANT = re.compile(
     r"[^.!?\n(]{0,50}\([^()\n]{1,20}\))(?:,?\s(?:because|since)\b[^.!?\n(]{1,120})?[.!\s]*$",
     re.IGNORECASE,
 )
-"""An order with its option in brackets at the end: "Change lane right (2)."."""
+"""An order with its option in brackets: "Change lane right (2)."."""
 
 
 _REPEATED = re.compile(r"[ \t]?[(\[]([^()\[\]\n]{3,120})[)\]](?=\s{0,3}[:=])")
+_IN_ROW = re.compile(r"(?:(?<!\S)\(?[A-I\d]\) (?!is\b)[^\n():;.]{2,40}(?:[,;] |(?<=\s)|(?=[.\n]|\Z))){3,}")
 _ONE_OF = re.compile(r"(?i)\s?(?:/(?!s)|[,|]|\b(?:or|to)\b|\.{2,}|(?<=\w)-(?=\w))\s?")
 
 
 def _unlisted(text: str, names: ActionNames) -> str:
-    """Return a folded text without the options that a heading repeats: "Action (A/B/C): B"."""
+    """Return a folded text without the options that a heading or a row repeats: "Action (A/B/C): B"."""
 
     def kept(one: re.Match[str]) -> str:
         parts = _ONE_OF.split(one[1])
         return one[0] if len(parts) < _BOTH or any(part and not names.whole(part) for part in parts) else ""
 
-    return _REPEATED.sub(kept, fold(text))
+    return _REPEATED.sub(kept, _IN_ROW.sub(" ", fold(text)))
 
 
 def _kept(tag: re.Match[str], names: ActionNames) -> str:
@@ -338,10 +370,11 @@ def _agreed(text: str, stated: Sequence[_Statement], names: ActionNames) -> Deci
 
 
 _COMMITS = re.compile(
-    r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)"
-    r"|(?<!other )(?<!next )(?<!second )(?:answer|choice|decision|action) is)\b[^\n]*",
+    r"\b(?:(?:i|we)(?:'ll| will| would|'d)? (?:choose|pick|select|take|go with|opt for)\b"
+    r"|(?<!other )(?<!previous )(?<!last )(?<!next )(?<!second )(?:answer|choice|decision|action)(?: is\b| ?:))[^\n]*",
     re.IGNORECASE,
 )
+_WEIGHED = re.compile(r"\b(?:but|however|first|next|last|wait|actually|instead)\b", re.IGNORECASE)
 _ANEW = re.compile(
     r"\b(?:final\w*|correct\w*|revised?|actually|wait(?=\W*[,.!])|however|reflection|instead|no|but|so|therefore"
     r"|first)\b",
@@ -352,7 +385,7 @@ _ANEW = re.compile(
 def _commits_otherwise(before: str, action: str, names: ActionNames) -> bool:
     """Return whether the words before a statement commit to another action without weighing it."""
     found = _last(_COMMITS, before)
-    return bool(found) and not _ANEW.search(before, found[0].start()) and _takes_back(found[-1].group(), action, names)
+    return any(_takes_back(one[0], action, names) for one in found) and not _ANEW.search(before, found[0].start())
 
 
 def _is_denied(text: str, statement: _Statement, names: ActionNames) -> bool:
@@ -373,7 +406,7 @@ _NOT_THERE = re.compile(
     r"(?:_\w{1,20})?=(?:false|no|none)\b",
     re.IGNORECASE,
 )
-"""A thing of the picture that is not there, in a row of code: "obstacle=false next=STOP"."""
+"""What is not there: "obstacle=false next=STOP"."""
 
 # JSON
 
@@ -393,11 +426,7 @@ def _objects(text: str, names: ActionNames) -> Iterator[_Statement]:
 
 
 _ANSWER, _OWN_THING, _OTHER_THING = range(3)
-"""The container of an object.
-
-It is an answer; or the own motion or an envelope, where a side is set and a speed is measured; or
-another thing, where both describe that thing.
-"""
+"""An object's container: an answer; the own motion, where a side is set and a speed measured; or another thing."""
 
 
 class _Pairs(list[tuple[str, object]]):
@@ -405,10 +434,7 @@ class _Pairs(list[tuple[str, object]]):
 
 
 def _stated_in(value: object, names: ActionNames, *, within: int = _ANSWER) -> Iterator[tuple[str | None, str | None]]:
-    """Yield the actions that a JSON value states, or None and why one is no name.
-
-    The container ``within`` decides whether a side, a speed or an angle is the answer.
-    """
+    """Yield the actions that a JSON value in a container states, or None and why one is no name."""
     if isinstance(value, list) and not isinstance(value, _Pairs):
         for inner in value:
             yield from _stated_in(inner, names, within=within)
@@ -458,7 +484,7 @@ _MOVES = re.compile(
     r"|value|content|message)",
     re.IGNORECASE,
 )
-"""Keys whose objects are about the own motion or self, or that only wrap another object."""
+"""Keys whose objects are about the own motion, or wrap another."""
 _SEEN = re.compile(
     r"percept|percei|scene|observ|environment|context|image|picture|frame|situation|leader|world", re.IGNORECASE
 )
@@ -504,13 +530,27 @@ def _is_contrary(value: _Pairs, names: ActionNames) -> bool:
     """Return whether an object gives an action, and elsewhere the opposite side or another one."""
     sides = {_SIDES[said] for key, inner in value if _SIDE.fullmatch(key) and (said := str(inner).lower()) in _SIDES}
     keyed = [names.action(f"{inner}") for key, inner in value if _KEY.fullmatch(key) or names.quantity.is_key(key)]
-    texts = [fold(inner) for key, inner in value if isinstance(inner, str) and not _OTHERS.search(key)]
+    texts = [fold(inner) for inner in _texts(value) if " " in inner]
     return any(
         any(_is_of_other_side(one, side, names) for side in sides)
-        or any(_commits_otherwise(text, one, names) and _takes_back(text, one, names) for text in texts)
-        for one in keyed
-        if one is not None
+        or any(_is_decided_otherwise(text, one, names) for text in texts)
+        for one in {*filter(None, keyed)}
     )
+
+
+def _texts(value: object) -> Iterator[str]:
+    """Yield the texts of a JSON value that are not about others."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, list):
+        for key, inner in value if isinstance(value, _Pairs) else (("", inner) for inner in value):
+            yield from () if _OTHERS.search(key) else _texts(inner)
+
+
+def _is_decided_otherwise(text: str, action: str, names: ActionNames) -> bool:
+    """Return whether a text beside an action chooses another without weighing it."""
+    said = _commits_otherwise(text, action, names) or (is_mark(action) and not _WEIGHED.search(text))
+    return said and _takes_back(text, action, names)
 
 
 def _is_of_other_side(action: str, side: str, names: ActionNames) -> bool:
@@ -537,7 +577,7 @@ def _given(key: str, value: object) -> object:
 
 _ANOTHER = re.compile(r".*action|(?:final_)?(?:answer|choice|decision|option|letter|response|command)", re.IGNORECASE)
 _CORRECTION = re.compile(
-    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new)(?:_(?:action|answer"
+    r"(?:corrected|correction|revised|revision|updated?|amended|override[sn]?|final|new|conclusion|verdict)(?:_(?:action|answer"
     r"|choice|decision|to))?",
     re.IGNORECASE,
 )
@@ -551,10 +591,7 @@ def _is_another(key: str, value: object, names: ActionNames) -> bool:
 
 
 def _answer_key(value: _Pairs, names: ActionNames, *, within: int = _ANSWER) -> str | None:
-    """Return the key that holds the answer, the plainest of several; None if it is further inside.
-
-    A side or a direction ``within`` an object about another thing belongs to that thing.
-    """
+    """Return the key that holds the answer, the plainest of several; None if it is further inside."""
     known = [key for key, _ in value if _KEY.fullmatch(key) and not (within == _OTHER_THING and _SIDE.fullmatch(key))]
     if not within and all(_SIDE.fullmatch(key) for key in known):
         known = [key for key, _ in value if names.quantity.is_key(key)] or known
@@ -664,7 +701,7 @@ _CODED = re.compile(
     r"|[+-]?[\w.-]{1,40}°?)(?=[\s;|)\]}]|,\s|$)(?!\s*(?:or|and|to|\?|/)\b|\s?\?))",
     re.IGNORECASE | re.MULTILINE,
 )
-"""A call, an assignment or what is returned: "steer(-2)", "sel=B", "robot.go_forward()"."""
+"""A call, an assignment or what is returned: "steer(-2)", "sel=B"."""
 _CALLS = re.compile(r"\w\(")
 _DOES = re.compile(
     r"(?:set|do|turn|exec|execute|run|select|choose|pick|take|apply|perform|send|act|issue|publish|print|output|next"
@@ -676,9 +713,9 @@ _MOVES_BY = frozenset(["move", "drive", "go", "run", "print", "turn"])
 """Calls whose number may be a distance or a count, where none has a sign."""
 _NO_CODE = re.compile(r"#|//|!\s?$|\b(?:not|or|if|elif|def|while|unless|never|assert)\b|n't\b|\?")
 _STATED_ALONE = re.compile(r"[\s\"'`]*(?:$|\n|#|//|[;.,)}]|(?:here|now|because|since|as)\b)")
-"""What may follow a call of an action; "the slow() function" is no such call."""
+"""What may follow a call of an action."""
 _ORDERS = re.compile(r"(?:^|\.)(?:go|turn|steer|change|drive|move|keep|make|merge)(?=_)", re.IGNORECASE)
-"""How a call begins that may say an action in its other words: "change_lane_left()"."""
+"""How a call begins that may say an action in its other words."""
 _MANY = ("actions", "options", "choices", "answers", "commands", "bins", "values", "decisions")
 _PEDALS = re.compile(r"throttle|brak(?:e|es|ing)|gas|accel\w*|clutch|gear", re.IGNORECASE)
 _JUST_BEFORE = 80
@@ -755,7 +792,7 @@ _NO_VOTE = re.compile(
 
 
 def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
-    """Yield the one action with a yes or a tick, if every action has a line with a yes, a no, a tick or a cross."""
+    """Yield the one action with a yes or a tick, if every action has a line with one or its opposite."""
     lines = [(line, _VOTE.findall(line[0])) for line in re.finditer(r"[^\n]+", text) if _VOTE.search(line[0])]
     found = [
         (None if (said := _VOTED.match(_VOTE.sub("|", fold(line[0])))) is None else names.whole(said[1]), line, votes)
@@ -774,8 +811,7 @@ def _votes(text: str, names: ActionNames) -> Iterator[_Statement]:
 def _marked(text: str, names: ActionNames) -> Decision[str] | None:
     """Return the decision of the last line that begins with ``action:``; None without one.
 
-    An earlier line with another action is withdrawn if the last is called final, or if other words
-    are between them. Text after the line may withdraw it.
+    The last withdraws an earlier one if it is called final, or if other words are between them.
     """
     marks = sorted((*_last(_MARKER, text), *_last(_HEADING, text)), key=lambda mark: mark.start())
     marks = marks or [*names.quantity.lines(text)][-_MARKERS_AT_MOST:]
@@ -818,7 +854,7 @@ _SAYS = re.compile(r"[^\n]*\w[^\n]*")
 
 
 def _uncommented(line: str, names: ActionNames) -> str:
-    """Return a line without a comment of code; one that names an action is a part of it, as in "LEFT # RIGHT"."""
+    """Return a line without a comment of code that names no action."""
     code, *said = _COMMENT.split(line)
     return line if any(True for one in said for _ in names.mentions(fold(one))) else code
 
