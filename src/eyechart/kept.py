@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from eyechart.errors import MissingCallsWarning
+from eyechart.records import parse_json
 
 T = TypeVar("T")
 
@@ -274,7 +275,7 @@ def _hashed(path: str) -> str:
 def _bank_of(run: Path) -> Iterator[Path]:
     """Yield the place of a run's pictures outside it, by its ``run.json``, where it is there."""
     with suppress(ValueError, RecursionError):
-        said = json.loads(run.read_bytes())
+        said = parse_json(run.read_bytes())
         if isinstance(said, dict) and isinstance(place := said.get("bank_path"), str) and Path(place).is_dir():
             yield Path(place)
 

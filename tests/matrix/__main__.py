@@ -58,7 +58,7 @@ def main() -> int:
                 rows[cell.name] = matrix.wrong(cell)
                 if rows[cell.name]:
                     print(cell.name, *rows[cell.name], sep="\n    ", flush=True)  # noqa: T201
-                if number % 20 == 0 or rows[cell.name]:
+                if len(rows) % 20 == 0 or rows[cell.name]:
                     asked.out.write_text(json.dumps(rows, indent=1))
         asked.out.write_text(json.dumps(rows, indent=1))
         del begun
