@@ -4,7 +4,7 @@ import errno
 import os
 import re
 import stat
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import wraps
 from numbers import Integral, Real
@@ -110,6 +110,11 @@ def counted(number: int, noun: str, verb: str = "") -> str:
     many = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}{'es' if noun.endswith('s') else 's'}"
     said = _OF_ONE.get(verb, f"{verb}s") if number == 1 and verb else verb
     return " ".join(filter(None, (str(number), noun if number == 1 else many, said)))
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a list in words: "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def encodable(text: str) -> str:

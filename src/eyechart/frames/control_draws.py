@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eyechart.frames.nouns import Frame, FrameBank, Scalar
+from eyechart.frames.nouns import Frame, FrameBank
 from eyechart.seeds import key_seed
 
 LEAD, EXCHANGE = "lead_drawn_m", "exchange_m"
@@ -84,7 +84,7 @@ def drawn_otherwise(bank: FrameBank) -> list[str]:
 
 
 def _problems(frame: Frame, draws: Draws) -> Iterator[str]:
-    lead_m, exchange_m = _number(frame.truth.get(LEAD)), _number(frame.truth.get(EXCHANGE))
+    lead_m, exchange_m = number_of(frame.truth.get(LEAD)), number_of(frame.truth.get(EXCHANGE))
     for column, recorded, tried in ((LEAD, lead_m, draws.lead()), (EXCHANGE, exchange_m, draws.exchange(lead_m))):
         if recorded is not None and recorded not in tried:
             yield f"frame '{frame.id}': '{column}' is {recorded:g}, which the bank's seed does not draw"
@@ -94,5 +94,6 @@ def _problems(frame: Frame, draws: Draws) -> Iterator[str]:
             yield f"frame '{frame.id}' has only one of the picture {name} and its distance '{column}'"
 
 
-def _number(value: Scalar) -> float | None:
+def number_of(value: object) -> float | None:
+    """Return a number as a float, None for anything else."""
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -20,7 +20,6 @@ from eyechart.spaces.fields import (
     read_declared,
     require_readable,
 )
-from eyechart.spaces.reader import READERS
 from eyechart.spaces.space import Answer, Decision, unparsed
 
 _ACTIONS_AT_MOST = 1000
@@ -81,10 +80,6 @@ class AnswerSpace(Discrete):
     def columns(self) -> tuple[str, ...]:
         """Return the prompt columns with the names that a frame allows."""
         return tuple(field.from_column for field in self.fields if field.from_column is not None)
-
-    def by(self, reader: int) -> "AnswerSpace":
-        """Return the space with this version of the reading rules; unchanged if it is unknown."""
-        return replace(self, reader=reader) if reader in READERS else self
 
     def on(self, own: Discrete) -> Discrete:
         """Return the space with the ``own`` actions of a bank for a single name without values."""

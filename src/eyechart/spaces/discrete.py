@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from eyechart.errors import SpecError, raising, read_at_most
 from eyechart.records import build, to_json_fields
@@ -94,7 +94,7 @@ class Discrete(SpaceDefaults):
             if action not in self.actions:
                 raise SpecError(f"action space '{self.name}': {role} names '{action}', not one of {list(self.actions)}")
 
-    def by(self, reader: int) -> "Discrete":
+    def by(self, reader: int) -> Self:
         """Return the space with this version of the reading rules; unchanged if it is unknown."""
         return replace(self, reader=reader) if reader in READERS else self
 

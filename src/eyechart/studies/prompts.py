@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from eyechart.costs import ALL, Account
-from eyechart.errors import LedgerError, SpecError, counted
+from eyechart.errors import LedgerError, SpecError, counted, listed
 from eyechart.integrity import Guard, unfinished
 from eyechart.limits import RunOutcome
 from eyechart.manifest import is_run
@@ -529,11 +529,6 @@ _WHY = {
     "blind": "it gives one answer to every picture",
     "open": "no link to its pictures is shown (smallest p {p} after Holm, n {n})",
 }
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return names as a list in words: "a, b and c"."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def by_model(cells: Sequence[CellScore]) -> list[PromptSensitivity]:

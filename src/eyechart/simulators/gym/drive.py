@@ -13,13 +13,14 @@ import numpy as np
 
 from eyechart.errors import DriveError, SpecError, raising
 from eyechart.frames import RGB, Scalar
+from eyechart.frames.control_draws import number_of
+from eyechart.modes import in_one_line
 from eyechart.simulators import StepResult
 from eyechart.simulators.gym.action_map import ActionMap
 
 Env = gymnasium.Env[Any, Any]
 
 _TRUTH = ("lead_gap_m", "left_clear", "right_clear", "demand", "speed_mps", "crashed")
-_LONGEST_WORDS = 300
 _ABSENT = object()
 _MOST_SEED = 2**32 - 1
 
@@ -38,10 +39,10 @@ def make(env_id: str, settings: Mapping[str, object]) -> Env:
             )
     except gymnasium.error.UnregisteredEnv as error:
         raise SpecError(
-            f"no environment '{env_id}': {_words(error)} One of another package is named gym:MODULE:ENV_ID"
+            f"no environment '{env_id}': {in_one_line(error)} One of another package is named gym:MODULE:ENV_ID"
         ) from error
     except Exception as error:  # an environment's own code may raise anything
-        raise SpecError(f"environment '{env_id}' cannot be made: {_words(error)}") from error
+        raise SpecError(f"environment '{env_id}' cannot be made: {in_one_line(error)}") from error
     modes = env.metadata.get("render_modes", ())
     if "rgb_array" not in modes:
         env.close()
@@ -91,7 +92,7 @@ class GymnasiumDrive:
         observation, info = self._ask("reset", lambda: self._env.reset(seed=seed))
         self._observation: object = observation
         self._truth = self._read(info, begun=False)
-        self._start_m = _number(self._truth.get("distance_m")) or 0.0
+        self._start_m = number_of(self._truth.get("distance_m")) or 0.0
 
     def picture(self) -> RGB:
         """Return the rendered picture, shape (h, w, 3), uint8."""
@@ -127,10 +128,10 @@ class GymnasiumDrive:
         out_of_time = truncated or self._steps >= self._map.most_steps
         self._ended = "crash" if crashed else "goal" if terminated else "time" if out_of_time else None
         self._truth["crashed"] = crashed
-        covered = _number(self._truth.get("distance_m"))
+        covered = number_of(self._truth.get("distance_m"))
         return StepResult(
             reward=reward,
-            speed_mps=_number(self._truth["speed_mps"]),
+            speed_mps=number_of(self._truth["speed_mps"]),
             distance_m=None if covered is None else covered - self._start_m,
             crashed=crashed,
             ended=self._ended,
@@ -151,7 +152,7 @@ class GymnasiumDrive:
 
     def _ask(self, when: str, ask: Callable[[], Any]) -> Any:  # noqa: ANN401  (whatever the environment gives)
         what = f"environment '{self._id}' raised in {when}"  # its own code may raise anything
-        with raising(DriveError, what, of=Exception, words=_words), warnings.catch_warnings():
+        with raising(DriveError, what, of=Exception, words=in_one_line), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return ask()
 
@@ -191,15 +192,6 @@ class GymnasiumDrive:
                     )
                 truth[column] = None if isinstance(plain, float) and not math.isfinite(plain) else plain
         return truth
-
-
-def _number(value: object) -> float | None:
-    """Return a number as a float, None for anything else."""
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
-
-
-def _words(error: BaseException) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_WORDS]
 
 
 def _feed(update: Callable[[bytes], object], value: object, decimals: int | None) -> None:

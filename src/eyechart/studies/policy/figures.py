@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from eyechart.channels import CAMERA, CAMERAS, INSTRUCTION, STATE, channels_of, instruction_column
-from eyechart.errors import EyechartError, counted
+from eyechart.errors import EyechartError, counted, listed
 from eyechart.frames import FrameBank, decode
 from eyechart.report.charts import (
     BLUE,
@@ -186,16 +186,13 @@ def _of_open(judged: PolicyVerdict, channels: Sequence[str]) -> Iterator[str]:
     axes = _axes(judged)
     found = [axis.removeprefix(CAMERA) for axis in axes if axis in channels and USES[axes[axis].label].is_open]
     if found:
-        yield f"Hollow because the verdict is undecided, whatever the interval: {_all(found)}. The line below says why."
+        which = listed(found)
+        yield f"Hollow because the verdict is undecided, whatever the interval: {which}. The line below says why."
 
 
 def _of_similar(names: Sequence[str]) -> Iterator[str]:
     if any(name.endswith(_SIMILAR) for name in names):
         yield "At a similar state: the moment of another episode with the nearest state."
-
-
-def _all(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _end(statistic: Statistic) -> float:
