@@ -18,6 +18,13 @@ def chosen(name: str, patterns: Sequence[str]) -> bool:
     return not patterns or any(re.search(pattern, name) for pattern in patterns)
 
 
+def keep(rows: dict[str, list[str]], file: Path) -> None:
+    """Write the rows so that whoever is killed leaves them whole."""
+    part = file.with_suffix(".part")
+    part.write_text(json.dumps(rows, indent=1))
+    part.replace(file)
+
+
 def options() -> argparse.Namespace:
     """Return what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -59,8 +66,8 @@ def main() -> int:
                 if rows[cell.name]:
                     print(cell.name, *rows[cell.name], sep="\n    ", flush=True)  # noqa: T201
                 if len(rows) % 20 == 0 or rows[cell.name]:
-                    asked.out.write_text(json.dumps(rows, indent=1))
-        asked.out.write_text(json.dumps(rows, indent=1))
+                    keep(rows, asked.out)
+        keep(rows, asked.out)
         del begun
     return int(any(rows.values()))
 
