@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -185,6 +186,9 @@ def test_a_column_that_is_called_as_a_unit_is_in_it(tmp_path: Path) -> None:
     choices = Choices(columns={"gap": "ft"}, threshold=18.0, unit="m")
     with pytest.raises(SourceError, match="unit m: the gap's column 'ft' says ft; leave out"):
         import_table(tmp_path, tmp_path / "table.csv", tmp_path / "bank", choices)
+    found = import_table(tmp_path, tmp_path / "table.csv", tmp_path / "bank", replace(choices, unit=None))
+    assert found.manifest.gap is not None
+    assert found.manifest.gap.unit == "ft"
 
 
 @pytest.mark.parametrize("names", [("Night", "night"), ("01", "1")])
@@ -194,17 +198,19 @@ def test_strata_in_other_letters_or_with_zeros_are_two_and_named(names: tuple[st
     found = costs(bank(made(tmp_path, light=light), strata=("light",)))
     one, other = sorted(names)
     said = [line for line in found if "differ only" in line]
-    how = "differ only in capital letters or leading zeros, and count as two"
+    how = "differ only in how they are written, and count as two"
     assert said == [f"the values of 'light' '{one}' and '{other}' {how}"]
 
 
-def test_words_of_prompts_in_other_letters_are_two_and_named(tmp_path: Path) -> None:
-    """Whoever exchanges such instructions exchanges nothing."""
-    table = made(tmp_path, task=["Stop", "stop"] * 4)
+@pytest.mark.parametrize("names", [("Stop", "stop"), ("go  on", "go on"), ("1", "1.0")])
+def test_words_of_prompts_that_look_the_same_are_two_and_named(names: tuple[str, str], tmp_path: Path) -> None:
+    """Whoever exchanges such instructions exchanges nothing; what is said of them is true of each pair."""
+    table = made(tmp_path, task=[*names] * 4)
     found = costs(
         import_table(tmp_path, table, tmp_path / "bank", Choices(columns={"gap": ""}, prompt_columns=("task",)))
     )
-    assert "the values of 'task' 'Stop' and 'stop' differ only in" in " ".join(found)
+    said = f"the values of 'task' '{names[0]}' and '{names[1]}' differ only in how they are written, and count as two"
+    assert said in found
 
 
 def film(folder: Path, *, names: Sequence[int], steps: bool = False) -> FrameBank:

@@ -1,6 +1,7 @@
 """A machine that lacks something, and files that are none: words, and nothing that passes is final."""
 
 import asyncio
+import errno
 import os
 import sqlite3
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 
 from banks import build_bank
 from eyechart import cli
-from eyechart.calls import Query
+from eyechart.calls import UNFINISHED, Query, Reply
 from eyechart.episodes.records import read_episodes
 from eyechart.errors import BankError, EyechartError, LedgerError
 from eyechart.event_loops import in_own_loop
@@ -69,6 +70,22 @@ def test_an_output_that_is_cut_is_said_whatever_a_command_ends_with(tmp_path: Pa
         )
     assert ended.returncode == 2
     assert "the disk is full" in ended.stderr
+
+
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE])
+def test_an_adapter_that_finds_no_descriptor_left_is_asked_again(number: int) -> None:
+    """It says nothing about the model; a file that is not there is an error of the adapter."""
+
+    class Model:
+        def __init__(self, number: int) -> None:
+            self.number = number
+
+        async def answer(self, query: Query) -> Reply:
+            del query
+            raise OSError(self.number, os.strerror(self.number))
+
+    found = [asyncio.run(ask(Model(one), Query("", "go", Stimulus({}), 1))).error for one in (number, errno.ENOENT)]  # type: ignore[arg-type]
+    assert (found[0] in UNFINISHED, found[1]) == (True, "exception")
 
 
 def test_a_call_whose_thread_cannot_begin_was_not_made(monkeypatch: pytest.MonkeyPatch) -> None:

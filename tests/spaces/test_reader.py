@@ -211,6 +211,15 @@ def test_names_with_signs_and_words_are_read_as_wholes() -> None:
     assert space.read(Reply("ACTION: \u212a2", "stop", None)).missing == "unparsed"
 
 
+@pytest.mark.parametrize("names", [("AVOID", "FOLLOW"), ("LANE 2", "LANE 1")])
+def test_an_action_is_no_heading_over_the_next_one(names: tuple[str, str]) -> None:
+    """Though its name is a word that denies, or a thing: two actions below each other are no choice."""
+    space = Discrete("headings", names, (), (), ())
+    for text in ("\n".join(names), "\n\n".join(names)):
+        assert space.read(Reply(text, "stop", None)).missing == "unparsed"
+    assert space.read(Reply(names[0], "stop", None)).action == names[0]
+
+
 def at_depth(frames: int, text: str) -> Decision[str]:
     """Read a decision from so many calls further down."""
     return at_depth(frames - 1, text) if frames else DRIVING.read(Reply(text, "stop", None))

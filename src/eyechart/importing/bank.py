@@ -533,7 +533,7 @@ def _check_strata(choices: Choices, places: Mapping[str, str], table: SourceTabl
 
 def _unit(choices: Choices, places: Mapping[str, str]) -> str:
     """Return the unit of the gap, as given or as in its column's name."""
-    return choices.unit or unit_of(places["gap"]) or ""
+    return choices.unit or unit_of(places["gap"]) or unit_named(places["gap"]) or ""
 
 
 @dataclass(frozen=True)

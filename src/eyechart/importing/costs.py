@@ -187,7 +187,7 @@ def _counted_twice(bank: FrameBank) -> Iterator[str]:
 
 
 def _nearly_one(bank: FrameBank) -> Iterator[str]:
-    """Yield names and columns that differ from others only in case or leading zeros."""
+    """Yield names and columns that differ from others only in how they are written."""
     named = {"episodes": {one.episode for one in bank}, "scenarios": {one.scenario for one in bank}}
     for name in (*bank.frames[0].strata, *bank.frames[0].fields):
         found = ({**one.fields, **one.strata}.get(name) for one in bank)
@@ -200,8 +200,8 @@ def _nearly_one(bank: FrameBank) -> Iterator[str]:
         if pairs and place[:-1] not in bank.manifest.absent:
             more = f", as do {len(pairs) - 1} more" if len(pairs) > 1 else ""
             yield (
-                f"the {place} {pairs[0][0]!a} and {pairs[0][1]!a} differ only in capital letters or leading zeros, "
-                f"and count as two{more}"
+                f"the {place} {pairs[0][0]!a} and {pairs[0][1]!a} differ only in how they are "
+                f"written, and count as two{more}"
             )
     for place, column in _setting(bank, "columns").items():
         beside = [one for one in bank.frames[0].truth if one != column and plain_name(one) == plain_name(str(column))]

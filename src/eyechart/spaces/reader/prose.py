@@ -382,7 +382,7 @@ _DENIED_BEFORE = re.compile(
     rf"{_NOT}[^@]{{0,45}}$|\b{_THAN}\s+(?:(?:to|the|a|an|going|turning|moving|go|turn|for|just|choosing)\s+)*[\"'(]*$"
 )
 _NEGATED = re.compile(r"(?:(?:^|[\s(])[!¬~]|\bnot\s?|\bnone of \w -)[\s\"']*$")
-"""A program's sign of negation: "!LEFT", "not(LEFT)"."""
+"""A program's sign of negation: "!LEFT"."""
 _DENIED_BRACKET = re.compile(
     rf"(?:{_NOT}|\b{_THAN})\s*(?:\b(?:be|option|choice|answer|choose|pick|take|go|the|with"
     rf"|for)\s+){{0,3}}[\"']?[(\[][\"']?$"
@@ -393,7 +393,7 @@ _DENIED_LABEL = re.compile(
     rf"| (?:\w+ ){{0,2}}need))(?:\w+\s+){{0,3}}{_NOT}(?:\s+\w+){{0,3}}\)?\s*:\s*[\"'(]*$"
     rf"|\b(?:choose|advise|recommend|suggest)\b[^@.;:]{{0,25}}(?:{_NOT}|\bagainst\b)[^@.;:]{{0,25}}:\s*$"
 )
-"""A label that denies what follows: "Avoid: LEFT"; but "no need: STRAIGHT" is no such label."""
+"""A label that denies what follows: "Avoid: LEFT"; "no need: STRAIGHT" is none."""
 
 _SCOPE = re.compile(
     r"[;:()\n,]|\b(?:that|which)\s+(?:best\s+)?avoids?\b[^@.;,]{1,40}?\s(?:is|would be)\b|\b(?:but|so|therefore|thus"
@@ -516,7 +516,7 @@ _ANSWERS = re.compile(
     r"|القرار|الإجراء|תשובה|उत्तर|cevap|karar|eylem|απάντηση|คำตอบ|trả lời|hành động|vastaus|odpověď|válasz|răspuns"
     r"|[^\w@])+"
 )
-"""Labels of a choice; text after another label, as in "Road shape:", is none."""
+"""Labels of a choice; "Road shape:" is none."""
 _CLAUSE = re.compile(
     r"\b(?:is|are|am|was|has|have|had|'re|'m|'ve|i|we|should|must|need(?:s|ed)?|will|would|can|want|steer|brak\w+"
     r"|slow\w*|near\w*|close|stop(?:s|ped|ping)|reduce|(?:keep|stay|hold)(?:ing)?|let's|avoid|change|move|turn|proceed"
@@ -596,7 +596,7 @@ _DOES = re.compile(r"(?:^|[,;:]|\bso|\band|\bthen|\btherefore)\s*(?:i|we)\s+$")
 _LEADS = re.compile(r"\W*(?:rather than|instead of)\s+(?:\w+\s+){0,3}")
 _MEASURED = re.compile(rf"\s*(?:by\s+|for\s+|to\s+|about\s+){{0,2}}{_FAR}[\s\"'.!]*")
 _BRACKETED = re.compile(rf"\s*\(\s*{_FAR}\s*\)")
-"""The amount of a long name: "TURN LEFT 30 degrees"; a distance ahead means later."""
+"""The amount of a long name: "TURN LEFT 30 degrees"."""
 _HELD = re.compile(
     r"@[^@;]*\b(?:until|till|unless)\b[^@;]*$|\b(?:until|till)\b(?:[^@.;!?]|\.\d)*\bthen\b[^@.;!?]{0,20}$"
 )
@@ -615,7 +615,7 @@ _HELPS = re.compile(
     r"|closed|blocked)\w+ )?(?:exit|goal|target|door|corridor)\b|gives? (?:us|me) more (?:room|space|time"
     r"|distance)\b)(?![^.;!?\n]*(?:@|\b(?:but|if|unless|when|once|too|not|wrong|locked|closed|blocked)\b))"
 )
-"""The use of what is done, which is a reason to do it: "Turning left will bring us to the door."."""
+"""The use of what is done: "Turning left will bring us to the door."."""
 _ASIDE = re.compile(r"\b(?:because|since|as|so|due|until|while|that|which)\b")
 _MODAL = re.compile(r"\b(?:would|could|might|may|will|leads?)\b")
 _FINITE = re.compile(
@@ -633,7 +633,7 @@ _ONLY_DENIES = (
     ),
 )
 _EITHER = re.compile(r"\bor\s+(?:the\s+|option\s+)?[\"'(]*$|\bfrom\b[^.;@]{0,9}@?[^.;@]{0,9}\bto\s+$")
-"""Words before one of several: "either zero or 2 is fine", "from -2 to 2"."""
+"""Words before one of several: "from -2 to 2"."""
 _OR_NUMBER = re.compile(
     r"\s+or\s+[+-]?\d|[,;]? (?:and )?(?:the )?(?:m(?:ax|in)imum|(?:high|low|fast|slow)est|top speed)\b"
 )
@@ -787,7 +787,7 @@ def _mentions(text: str, names: ActionNames) -> Iterator[Mention]:
 
 
 def _is_idiom(text: str, mention: Mention) -> bool:
-    """Return whether a word is no action's name here: "right now", "a SLOW car", "a STOP sign"."""
+    """Return whether a word is no action's name here: "right now", "a STOP sign"."""
     word = mention.written.upper()
     left, right = text[max(0, mention.start - 40) : mention.start].lower(), text[mention.end : mention.end + 40].lower()
     if re.match(r"/(?:no|not|non)\b", right):
@@ -959,7 +959,7 @@ def _chosen(left: str, right: str, mention: Mention, *, opened: bool, opens: boo
 
 
 def _is_only_done(right: str) -> bool:
-    """Return whether what is done is a sentence of its own: "Turning right now, as the hall is free."."""
+    """Return whether what is done is a sentence of its own: "Turning right now."."""
     done, _, aside = _ASIDE.split(_SENTENCE.split(right)[0])[0].partition(",")
     return _DONE_FOR.match(right) is not None and not _FINITE.search(done) and not _MODAL.search(aside)
 

@@ -1,4 +1,4 @@
-"""Formal statements of a reply: JSON, tags, boxes, and lines that begin with ``action:``."""
+"""Formal statements: JSON, tags, boxes, and lines that begin with ``action:``."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -125,7 +125,7 @@ _SHORT_WORDS = 3
 
 @dataclass(frozen=True, slots=True)
 class _Statement:
-    """A statement of an object, tag or box, with its span; ``action`` None if it is no name."""
+    """A statement of an object, tag or box; ``action`` None if it is no name."""
 
     start: int
     end: int
@@ -198,13 +198,13 @@ def _first(text: str, names: ActionNames) -> str | None:
 
 _BOTH = 2
 _GAP = re.compile(r"\s{5,}")
-"""Blank lines and columns of spaces, which say no more than a few."""
+"""Blank lines and columns of spaces."""
 _ROBOT = re.compile(
     r"\A(\W*the (?:robot|rover)) (?:(go)es|([a-z]{2,12}?)s)\b(?=[^.,;!?\n]{0,20},? (?:because|since|due to)\b)"
     r"(?!.*\b(?:then|or|says?)\b)",
     re.IGNORECASE | re.DOTALL,
 )
-"""A reply that opens with what the robot does: "The robot stops, since …"."""
+"""What the robot does, at the start of a reply."""
 _TURNS = re.compile(
     r"(?:^|(?<!\b\w)[.!;\n]|\b(?:so|thus|hence|therefore|i\.e\.|meaning|means)\b)[\s,:]*(?:(?:that|this|i|we|you|to"
     r"|please|the|car|robot|vehicle|it|should|will|would|must|now|just)\s+){0,5}(?:turn|steer|go|bear|swing|veer"
@@ -268,18 +268,22 @@ _MEASURE = re.compile(
     r"[ °]?(?:m/s|deg\w+)?\s*(?(1)(?:[,;|].*)?)",
     re.IGNORECASE,
 )
-"""A heading about a thing, and a line that only numbers or measures it: "Lead vehicle", "id: 3"."""
+"""A heading about a thing, and a line that measures it: "Lead vehicle", "id: 3"."""
+_APART = re.compile(r"[^\n]*\w[^\w:=\n]*\n\s*(?![-*+•] |\W*[^\W\d]{2})")
+"""A line about a thing, and below a blank one a mark that is no item."""
 
 
 def _without_things(text: str, names: ActionNames) -> str:
     """Return a text without the lines that only measure the thing of a heading, or name what it denies."""
-    about, kept = None, []
+    about, told, kept = None, "", []
     for line in text.split("\n"):
+        about = None if about and about.re is _OF_THING and _APART.match(told + line) else about
+        told = line if line.strip() else f"{told}\n"
         if about and (_MEASURE.fullmatch(line) or (about.re is _OF_NONE and names.whole(line.strip(" -+•")))):
             continue
         if re.search(r"\w", line) and not (about and ":" in line and not _MARKER.match(line)):
-            about = _OF_NONE.fullmatch(line) or _OF_THING.fullmatch(line)
-            about = None if about and names.quantity.is_key(about[1]) else about
+            about, told = _OF_NONE.fullmatch(line) or _OF_THING.fullmatch(line), ""
+            about = None if about and (names.quantity.is_key(about[1]) or names.whole(about[1])) else about
         kept.append(line)
     return "\n".join(kept)
 
