@@ -275,14 +275,14 @@ _APART = re.compile(r"[^\n]*\w[^\w:=\n]*\n\s*(?![-*+•] |\W*[^\W\d]{2})")
 
 def _without_things(text: str, names: ActionNames) -> str:
     """Return a text without the lines that only measure the thing of a heading, or name what it denies."""
-    about, told, kept = None, "", []
+    about, last, kept = None, "", []
     for line in text.split("\n"):
-        about = None if about and about.re is _OF_THING and _APART.match(told + line) else about
-        told = line if line.strip() else f"{told}\n"
+        about = None if about and about.re is _OF_THING and _APART.match(last + line) else about
+        last = line if line.strip() else f"{last}\n"
         if about and (_MEASURE.fullmatch(line) or (about.re is _OF_NONE and names.whole(line.strip(" -+•")))):
             continue
         if re.search(r"\w", line) and not (about and ":" in line and not _MARKER.match(line)):
-            about, told = _OF_NONE.fullmatch(line) or _OF_THING.fullmatch(line), ""
+            about, last = _OF_NONE.fullmatch(line) or _OF_THING.fullmatch(line), ""
             about = None if about and (names.quantity.is_key(about[1]) or names.whole(about[1])) else about
         kept.append(line)
     return "\n".join(kept)
