@@ -2,16 +2,21 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import simulated
+from banks import build_bank
+from eyechart.calls import Reply
 from eyechart.errors import BankError
 from eyechart.frames import Frame
+from eyechart.ledger import SentAttempt, columns_of
 from eyechart.spaces.space import Decision
 from eyechart.stats.statistic import Statistic
-from eyechart.studies.battery.answers import Answers
+from eyechart.studies import battery
+from eyechart.studies.battery.answers import Answers, answers_in
 from eyechart.studies.battery.paper_statistics import Resampling
 from eyechart.studies.battery.scores import statistics_of
 
@@ -193,3 +198,20 @@ def test_a_gap_at_the_threshold_is_far() -> None:
     found = statistics_of(replace(simulated.answers(by_gap, WORLD), frames=world), HOW)["obstacle"]
     near = found.detail["columns"].index("near")
     assert sum(row[near] for row in found.detail["table"]) == len(WORLD) / 2
+
+
+def test_a_frame_that_was_not_asked_has_no_turn(tmp_path: Path) -> None:
+    """The others have the turns in which their calls were sent, whatever their order in the bank."""
+    bank = build_bank(tmp_path / "bank")
+    plan = battery.plan(bank.root, ["scripted:constant"], tmp_path / "run").plan
+    keys = [key for key in plan.keys() if key.condition == "real"][:-1][::-1]  # noqa: SIM118 - a plan is no mapping
+    sent = [SentAttempt(key, 1, None, Reply("SLOW", "stop"), f"{at:064x}", final=True) for at, key in enumerate(keys)]
+    turns = dict(
+        zip(
+            (frame.id for frame in plan.frames),
+            answers_in(columns_of(sent, plan.read), plan, "scripted:constant").sent["real"].tolist(),
+            strict=True,
+        )
+    )
+    assert turns == dict.fromkeys(turns, -1) | {key.frame: at for at, key in enumerate(keys)}
+    assert list(turns.values()).count(-1) == 1
